@@ -1,0 +1,1 @@
+//! One process per sensor, from the world or from a log directory.

@@ -1,0 +1,1 @@
+//! How good was it: association, RMS, NEES, containment.

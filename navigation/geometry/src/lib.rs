@@ -1,0 +1,1 @@
+//! Where things are: rotations, WGS-84, the local frame, gravity.

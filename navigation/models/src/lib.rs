@@ -1,0 +1,1 @@
+//! What the world does and what a sensor sees: state, preintegration, transport, sensor models, propagator.

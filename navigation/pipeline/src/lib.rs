@@ -1,0 +1,1 @@
+//! The whole navigator in one thread: raw reading in, estimate out.

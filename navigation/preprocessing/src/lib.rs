@@ -1,0 +1,1 @@
+//! Which reading counts, and at which keyframe.

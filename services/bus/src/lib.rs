@@ -1,0 +1,1 @@
+//! Channels as typed ports over shared memory.

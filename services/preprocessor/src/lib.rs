@@ -1,0 +1,1 @@
+//! The process that turns raw readings into anchored measurements.

@@ -1,0 +1,1 @@
+//! The process that publishes an estimate for every IMU sample.

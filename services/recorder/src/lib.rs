@@ -1,0 +1,1 @@
+//! The process that writes every channel to a log directory.

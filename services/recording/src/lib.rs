@@ -1,0 +1,1 @@
+//! Data at rest: the sensor-log directory, estimate files, checkpoints.

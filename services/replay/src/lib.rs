@@ -1,0 +1,1 @@
+//! A log directory through the whole navigator, without processes; scores and pictures.

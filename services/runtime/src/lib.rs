@@ -1,0 +1,1 @@
+//! What any process needs around its core: configuration, tracing, shutdown, heartbeat, clocks.

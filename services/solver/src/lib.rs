@@ -1,0 +1,1 @@
+//! The process that solves the window at each keyframe.

@@ -1,0 +1,89 @@
+//! The newest keyframe as the estimator sees it, with its covariance.
+
+#[cfg(feature = "ipc")]
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::header::Header;
+use crate::layout::message;
+
+/// What an estimator did with one sensor's measurements since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[repr(C)]
+pub struct SensorCounts {
+    /// Became factors.
+    pub used: u64,
+    /// Refused, by [`crate::RejectReason`].
+    pub rejected: [u64; 15],
+}
+
+impl SensorCounts {
+    /// All refusals.
+    pub fn rejected_total(&self) -> u64 {
+        self.rejected.iter().sum()
+    }
+}
+
+/// How far the solution can be trusted, by what the solver met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum SolutionStatus {
+    /// Converged.
+    Converged = 0,
+    /// The iteration limit came first; the state is the best found.
+    NotConverged = 1,
+    /// The step was damped or the matrix was mended; the state is the last good one moved by the IMU.
+    Damped = 2,
+}
+
+impl SolutionStatus {
+    /// The status of that number, as it crosses the bus.
+    pub fn from_index(index: u32) -> Option<SolutionStatus> {
+        [SolutionStatus::Converged, SolutionStatus::NotConverged, SolutionStatus::Damped].get(index as usize).copied()
+    }
+}
+
+message! {
+    /// State and covariance at the newest keyframe.
+    ///
+    /// Error order of the covariance: position (ENU), velocity (ENU), attitude (body, right perturbation),
+    /// accelerometer bias, gyroscope bias.
+    Solution, "ilns.Solution.1", schema 1 {
+        /// Sender, order and times; `t_valid` equals `t_keyframe`.
+        header: Header,
+        /// Counts solutions since the estimation began; estimates name it.
+        id: u64,
+        /// Data time of the keyframe, ns.
+        t_keyframe: i64,
+        /// Origin of the frame: latitude, longitude in degrees, ellipsoidal height in m.
+        origin: [f64; 3],
+        /// IMU position, m.
+        position_enu: [f64; 3],
+        /// Velocity, m/s.
+        velocity_enu: [f64; 3],
+        /// Body to ENU, Hamilton (w, x, y, z).
+        q_enu_body: [f64; 4],
+        /// Accelerometer bias, m/s².
+        accel_bias: [f64; 3],
+        /// Gyroscope bias, rad/s.
+        gyro_bias: [f64; 3],
+        /// Covariance of the 15 error coordinates.
+        covariance: [[f64; 15]; 15],
+        /// Data time of the newest used measurement per [`crate::AIDING`] sensor, ns; `i64::MIN` = never.
+        t_last_used: [i64; 5],
+        /// Per sensor, in the order of [`crate::SENSORS`].
+        counts: [SensorCounts; 7],
+        /// Half the weighted sum of squares over the window.
+        cost: f64,
+        /// Keyframes in the window.
+        keyframes: u32,
+        /// Iterations of this solve.
+        iterations: u32,
+        /// States linearised in this solve.
+        linearised: u32,
+        /// [`SolutionStatus`] as a number.
+        status: u32,
+        /// CPU time of the solve, ns; stamped by the caller, 0 where nobody measured.
+        solve_ns: u64,
+    }
+}

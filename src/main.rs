@@ -1,0 +1,2 @@
+//! `ilns`: the table of subcommands.
+fn main() {}
