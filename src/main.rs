@@ -1,2 +1,86 @@
-//! `ilns`: the table of subcommands.
-fn main() {}
+//! `ilns`: one executable, the table of its subcommands.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use ilns_replay::{PlotArgs, ReplayArgs, ScoreArgs};
+use ilns_runtime::exit_with;
+use sim_emulators::simulate::SimulateArgs;
+
+mod child;
+mod hold;
+mod plan;
+mod processes;
+mod run;
+mod status;
+mod supervisor;
+
+use processes::ProcessCommand;
+
+/// What a command returns: any error, told by `exit_with`.
+type Outcome = Result<(), Box<dyn std::error::Error>>;
+
+/// Navigates an autonomous underwater vehicle: a sliding-window factor graph fuses inertial data with acoustic ranges,
+/// satellite fixes, Doppler velocities, headings and depths.
+///
+/// `ilns run` starts everything on a built-in mission.
+#[derive(Parser)]
+#[command(name = "ilns", version, disable_help_subcommand = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run the whole set of processes on a simulated mission or a recorded log, until it ends or Ctrl-C is pressed.
+    Run(run::RunArgs),
+    /// Run a log directory through the whole navigator in one thread, as fast as the machine can.
+    Replay(ReplayArgs),
+    /// Write a simulated mission into a log directory, as fast as the machine can, with the truth.
+    Simulate(SimulateArgs),
+    /// Hold estimates against the truth: errors, spread and how honest the sigmas are.
+    Score(ScoreArgs),
+    /// Draw a trajectory into an SVG file.
+    Plot(PlotArgs),
+    /// Show the processes and channels of a running set.
+    Status(status::StatusArgs),
+    /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
+    Bus(hold::BusArgs),
+    #[command(flatten)]
+    Process(ProcessCommand),
+}
+
+fn main() -> ExitCode {
+    match Cli::parse().command {
+        Command::Run(args) => exit_with("run", run::run(&args)),
+        Command::Replay(args) => exit_with("replay", ilns_replay::replay::run(&args)),
+        Command::Simulate(args) => exit_with("simulate", sim_emulators::simulate::run(&args)),
+        Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
+        Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
+        Command::Status(args) => exit_with("status", status::run(&args)),
+        Command::Bus(args) => exit_with("bus", hold::run(&args)),
+        Command::Process(command) => exit_with(command.name(), command.run()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn an_emulator_may_be_spelled_in_one_word_or_two() {
+        for spelling in [&["ilns", "emulator-imu"][..], &["ilns", "emulator", "imu"]] {
+            let cli = Cli::try_parse_from([spelling, &["--epoch", "3"]].concat()).expect("both are fine");
+            assert!(matches!(cli.command, Command::Process(command) if command.name() == "emulator-imu"));
+        }
+        assert!(Cli::try_parse_from(["ilns", "emulator", "sonar"]).is_err());
+    }
+}

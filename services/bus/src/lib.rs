@@ -1,1 +1,27 @@
-//! Channels as typed ports over shared memory.
+//! Channels as typed ports over shared memory: the only crate that calls iceoryx2.
+//!
+//! One process [owns](Owner) a prefix: it locks it, wipes what a dead owner left, creates every channel of the table and
+//! keeps them open. All others [join](Bus::join), which only ever opens: a process that dies while it creates something
+//! would leave the prefix unusable for ever.
+//!
+//! The shared memory costs a microsecond, the wake-up twenty: a [`Publisher`] rings only the [bells](Reader) of those who
+//! must be woken, everybody else drains on a timer of his own.
+
+mod bells;
+mod bus;
+mod error;
+mod owner;
+mod prefix;
+mod publisher;
+mod settings;
+mod subscriber;
+mod waiter;
+
+pub use bells::Reader;
+pub use bus::Bus;
+pub use error::BusError;
+pub use owner::Owner;
+pub use prefix::Prefix;
+pub use publisher::{Published, Publisher};
+pub use subscriber::{Losses, Subscriber};
+pub use waiter::{WAIT, Waiter};

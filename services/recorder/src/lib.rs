@@ -1,1 +1,14 @@
-//! The process that writes every channel to a log directory.
+//! The process that writes everything down: `sensor/*`, `sim/truth` -> a log directory that a replay reads;
+//! `nav/estimate` -> `estimate.csv`, `estimate.tum`; the rest -> `summary.json`.
+//!
+//! It listens only. Whatever becomes of the disk, navigation does not wait for it: what a full queue refuses is counted.
+
+mod error;
+mod estimate_log;
+mod live_score;
+mod ports;
+mod run;
+mod tally;
+
+pub use error::RecorderError;
+pub use run::{Args, run, run_until};

@@ -1,1 +1,35 @@
-//! Data at rest: the sensor-log directory, estimate files, checkpoints.
+//! Data at rest: the sensor-log directory, the estimate files and the summary of a run.
+//!
+//! ```text
+//! log directory --> LogDirectory --> LogReader (one file) | MergedLog (all sensors in one order)
+//! readings      --> LogWriter    --> log directory
+//! estimates     --> EstimateWriter --> estimate.csv, estimate.tum;  Summary --> summary.json
+//! estimate.csv  --> read_estimates
+//! ```
+//!
+//! Every reader streams: a log of a day takes no more memory than one of a minute. Every error names file, line, column
+//! and the mend. What a cell means, and in which unit, stands in the format document of the log directory.
+
+mod decimal;
+mod directory;
+mod error;
+mod estimate_reader;
+mod estimate_writer;
+mod lines;
+mod log_writer;
+mod merged;
+mod reader;
+mod rows;
+mod summary;
+mod table;
+mod text_file;
+
+pub use directory::LogDirectory;
+pub use error::LogError;
+pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};
+pub use estimate_writer::{ESTIMATE_FILES, EstimateWriter};
+pub use log_writer::{LogWriter, LogWriterOptions};
+pub use merged::MergedLog;
+pub use reader::{BuoyReader, LblReader, LogReader, read_truth};
+pub use rows::LogRow;
+pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary};

@@ -1,1 +1,26 @@
 //! A log directory through the whole navigator, without processes; scores and pictures.
+//!
+//! ```text
+//! ilns replay  log directory -> estimate.csv, estimate.tum, summary.json
+//! ilns score   estimate.csv, truth.csv -> error statistics
+//! ilns plot    estimate.csv, truth.csv -> picture.svg
+//! ```
+
+mod args;
+mod chart;
+mod error;
+mod origin;
+mod output;
+pub mod plot;
+mod progress;
+pub mod replay;
+pub mod score;
+mod svg;
+mod thinned;
+
+pub use args::ReplayArgs;
+pub use error::ReplayError;
+pub use output::{ReplayOutput, RunFacts};
+pub use plot::PlotArgs;
+pub use progress::Progress;
+pub use score::ScoreArgs;

@@ -1,1 +1,33 @@
-//! What any process needs around its core: configuration, tracing, shutdown, heartbeat, clocks.
+//! What any process needs around its core: arguments, configuration, clocks, log lines, shutdown, heartbeat, exit.
+//!
+//! A process is a loop around a pure value, and begins the same way everywhere:
+//!
+//! ```no_run
+//! # use ilns_runtime::{ProcessArgs, RuntimeError};
+//! # fn run(args: &ProcessArgs) -> Result<(), RuntimeError> {
+//! let shutdown = args.begin()?;
+//! let config = args.load_config()?;
+//! while !shutdown.requested() {
+//!     // wait, receive, think, publish
+//! }
+//! # Ok(())
+//! # }
+//! ```
+
+mod arguments;
+mod clock;
+mod configuration;
+mod error;
+mod exit;
+mod heartbeat;
+mod logging;
+mod shutdown;
+
+pub use arguments::{DEFAULT_PREFIX, NavigatorArgs, ProcessArgs};
+pub use clock::{StartClock, monotonic_now};
+pub use configuration::{load_config, read_config_text};
+pub use error::RuntimeError;
+pub use exit::{FAILURE, exit_with, one_line};
+pub use heartbeat::{BEAT, HeartbeatBuilder, Latency};
+pub use logging::start_logging;
+pub use shutdown::Shutdown;

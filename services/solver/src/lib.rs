@@ -1,1 +1,10 @@
-//! The process that solves the window at each keyframe.
+//! The process that solves the window at each keyframe: `nav/measurements` -> `nav/solution`, `nav/diagnostics`.
+//!
+//! The estimating is `nav-fgo`'s; here a clock looks at it, and the queue says how hard it may work.
+
+mod error;
+mod ports;
+mod run;
+
+pub use error::SolverError;
+pub use run::{Args, run, run_until};

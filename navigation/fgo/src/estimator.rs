@@ -1,0 +1,355 @@
+//! The estimator: anchored measurements in, a solution out at each keyframe.
+//!
+//! ```text
+//! IMU sample   → history, open interval (preintegrated at arrival)
+//! reading      → waits for its keyframe
+//! keyframe k   → make room (the oldest becomes the prior), close k−1 → k, predict x_k and C_k⁻, tie and gate what waited,
+//!                solve, publish x_k with C_k, open k →
+//! ```
+//!
+//! §4.1 of the method. Before the first state the [`Initialiser`] listens instead.
+
+use nalgebra::SMatrix;
+use nav_geometry::Geodetic;
+use nav_models::estimator::{Effort, Estimator, EstimatorError};
+use nav_models::initialisation::Initialiser;
+use nav_models::preintegration::{ImuPoint, Preintegration};
+use nav_models::state::NavState;
+use nav_models::transport::{transport, transport_jacobians};
+use nav_models::world::WorldModel;
+use shared_types::{
+    AIDING, Config, Duration, FACTORS_MAX, FactorReport, Header, KeyframeReport, Measurement, Reading, RejectReason,
+    Sensor, SensorCounts, Solution, SolutionStatus, Time,
+};
+
+use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
+use crate::kernels::{Block, add_product_transposed};
+use crate::rows::DIM;
+use crate::ties::{Closing, Pending, Ties};
+use crate::window::{SolveReport, Window};
+
+/// Samples kept for an initialisation that looks back.
+const HISTORY_BEFORE_START: Duration = Duration(20_000_000_000);
+/// Readings that may wait for one keyframe: some hundred a second over the longest interval.
+const PENDING_MAX: usize = 4096;
+/// Room for an interval's samples: 5 s at 200 Hz.
+const INTERVAL_SAMPLES: usize = 1024;
+
+/// The sliding-window factor-graph estimator.
+#[derive(Clone, Debug)]
+pub struct FgoEstimator {
+    config: Config,
+    imu: ImuModel,
+    window: Option<Window>,
+    initialiser: Initialiser,
+    history: ImuHistory,
+    open: OpenInterval,
+    pending: Vec<Pending>,
+    ties: Ties,
+    newest_covariance: Block<DIM>,
+    solutions: u64,
+    report: KeyframeReport,
+    is_started: bool,
+    /// Readings up to here are in the prior of a resumed estimator already.
+    t_resumed: Time,
+}
+
+impl FgoEstimator {
+    /// An estimator without origin: it waits for [`FgoEstimator::set_origin`].
+    pub fn new(config: &Config) -> FgoEstimator {
+        FgoEstimator {
+            config: config.clone(),
+            imu: ImuModel { noise: config.vehicle.imu.clone(), gate: config.navigator.imu },
+            window: None,
+            initialiser: Initialiser::new(config),
+            history: ImuHistory::with_capacity(8 * INTERVAL_SAMPLES),
+            open: OpenInterval::with_capacity(INTERVAL_SAMPLES),
+            pending: Vec::with_capacity(256),
+            ties: Ties::new(config),
+            newest_covariance: Block::zeros(),
+            solutions: 0,
+            report: empty_report(),
+            is_started: false,
+            t_resumed: Time::MIN,
+        }
+    }
+
+    /// Fixes the origin of the frame. Later calls change nothing: a run has one frame.
+    pub fn set_origin(&mut self, origin: Geodetic) {
+        if self.window.is_none() {
+            let world = WorldModel::new(origin, &self.config);
+            self.window = Some(Window::new(self.config.navigator.fgo, world));
+        }
+    }
+
+    /// Takes up from a solution of an earlier run of this estimator: its keyframe becomes the first, its covariance the
+    /// prior. Returns `false`, changing nothing, when the solution holds no valid state.
+    pub fn resume(&mut self, solution: &Solution) -> bool {
+        let Some((state, covariance)) = NavState::from_solution(solution) else { return false };
+        let [lat_deg, lon_deg, height] = solution.origin;
+        if ![lat_deg, lon_deg, height].iter().all(|x| x.is_finite()) {
+            return false;
+        }
+        let world = WorldModel::new(Geodetic::from_degrees(lat_deg, lon_deg, height), &self.config);
+        let mut window = Window::new(self.config.navigator.fgo, world);
+        if window.start(Time(solution.t_keyframe), &state, &covariance).is_err() {
+            return false;
+        }
+        self.window = Some(window);
+        self.is_started = true;
+        self.t_resumed = Time(solution.t_keyframe);
+        self.newest_covariance = covariance;
+        self.solutions = solution.id;
+        self.ties.counts = solution.counts;
+        self.ties.t_last_used = solution.t_last_used.map(Time);
+        true
+    }
+
+    /// What the newest keyframe holds.
+    pub fn report(&self) -> &KeyframeReport {
+        &self.report
+    }
+
+    /// Used and refused measurements per sensor since the start.
+    pub fn counts(&self) -> &[SensorCounts] {
+        &self.ties.counts
+    }
+
+    /// States of the window, oldest first, with their times.
+    pub fn trajectory(&self) -> impl Iterator<Item = (Time, &NavState)> {
+        self.window.iter().flat_map(|window| window.nodes().iter().map(|node| (node.t, &node.state)))
+    }
+
+    fn ingest_imu(&mut self, t: Time, point: ImuPoint) -> Result<(), EstimatorError> {
+        if !self.history.push(t, point) {
+            self.ties.refuse(Sensor::Imu, RejectReason::BackwardsTime);
+            let last = self.history.newest().unwrap_or(Time::MIN);
+            return Err(EstimatorError::TimeRunsBackwards { what: "IMU sample", last, t });
+        }
+        self.ties.counts[Sensor::Imu.index()].used += 1;
+        if !self.is_started {
+            self.history.forget_before(t - HISTORY_BEFORE_START);
+        } else if self.open.t_start().is_some() {
+            self.open.advance(&TimedPoint { t, point }, &self.imu);
+        } else {
+            self.open_interval();
+        }
+        Ok(())
+    }
+
+    /// Starts the interval after the newest keyframe, if its samples have come.
+    fn open_interval(&mut self) {
+        let Some(newest) = self.window.as_ref().and_then(|window| window.nodes().back()) else { return };
+        let state = newest.state;
+        self.open.start(newest.t, &state.accel_bias, &state.gyro_bias, &self.history, &self.imu);
+    }
+
+    fn first_keyframe(&mut self, t: Time) -> Result<Option<Solution>, EstimatorError> {
+        let Some(window) = &mut self.window else { return Ok(None) };
+        let Some((state, covariance)) = self.initialiser.first_state(t, window.world()) else { return Ok(None) };
+        if window.start(t, &state, &covariance).is_err() {
+            return Err(EstimatorError::Unsolvable { t, reason: "the covariance of the first state is singular" });
+        }
+        self.is_started = true;
+        self.newest_covariance = covariance;
+        // What was valid before the first state has been the initialiser's.
+        for (measurement, _) in core::mem::take(&mut self.pending) {
+            if let Some(sensor) = measurement.sensor() {
+                self.ties.refuse(sensor, RejectReason::BeforeStart);
+            }
+        }
+        self.history.forget_before(t);
+        self.open_interval();
+        self.report = empty_report();
+        Ok(Some(self.solution(t, SolveReport { converged: true, ..SolveReport::default() })))
+    }
+
+    fn keyframe(&mut self, t: Time, effort: Effort) -> Result<Option<Solution>, EstimatorError> {
+        if !self.is_started {
+            return self.first_keyframe(t);
+        }
+        let Some(window) = &mut self.window else { return Ok(None) };
+        let Some(last) = window.nodes().back().map(|node| node.t) else { return Ok(None) };
+        if t <= last {
+            return Err(EstimatorError::TimeRunsBackwards { what: "keyframe", last, t });
+        }
+        if self.open.t_start() != Some(last) {
+            bridge_to_history(window, &mut self.history, last);
+            self.open_interval();
+        }
+        let Some(window) = &mut self.window else { return Ok(None) };
+        let Some(whole) = self.open.up_to(t, &self.imu) else {
+            return Err(EstimatorError::Unsolvable {
+                t,
+                reason: "no IMU samples reach from the last keyframe to this one",
+            });
+        };
+
+        window.make_room();
+        let before = window.nodes()[window.nodes().len() - 1].state;
+        let predicted = transport(&before, &whole, window.world());
+        let covariance = predict_covariance(&self.newest_covariance, &before, &whole, window.world());
+        if !predicted.is_finite() || window.append(t, &predicted, whole).is_err() {
+            return Err(EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" });
+        }
+
+        self.report = empty_report();
+        let closing = Closing {
+            open: &self.open,
+            whole: &whole,
+            history: &self.history,
+            imu: &self.imu,
+            covariance_before: &self.newest_covariance,
+            covariance_newest: &covariance,
+        };
+        self.ties.tie_all(&self.pending, window, &closing, &mut self.report);
+        self.pending.clear();
+        self.report.cost[0] = window.cost();
+
+        let max_passes = match effort {
+            Effort::Full => self.config.navigator.fgo.max_iterations,
+            Effort::Reduced | Effort::Hold => 1,
+        };
+        let solve = window.solve(max_passes, &self.history, &self.imu);
+        self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
+        self.report.cost[1] = window.cost();
+        if let Some(oldest) = window.nodes().front().map(|node| node.t) {
+            self.history.forget_before(oldest);
+        }
+        self.open_interval();
+        if effort == Effort::Hold {
+            return Ok(None);
+        }
+        Ok(Some(self.solution(t, solve)))
+    }
+
+    /// The newest keyframe as a message; also completes the report.
+    fn solution(&mut self, t: Time, solve: SolveReport) -> Solution {
+        self.solutions += 1;
+        let mut solution = Solution {
+            header: Header::at(t),
+            id: self.solutions,
+            t_keyframe: t.0,
+            origin: [0.0; 3],
+            position_enu: [0.0; 3],
+            velocity_enu: [0.0; 3],
+            q_enu_body: [1.0, 0.0, 0.0, 0.0],
+            accel_bias: [0.0; 3],
+            gyro_bias: [0.0; 3],
+            covariance: [[0.0; DIM]; DIM],
+            t_last_used: self.ties.t_last_used.map(|t| t.0),
+            counts: self.ties.counts,
+            cost: self.report.cost[1],
+            keyframes: 0,
+            iterations: solve.passes,
+            linearised: solve.linearised,
+            status: match (solve.damped, solve.converged) {
+                (true, _) => SolutionStatus::Damped,
+                (false, false) => SolutionStatus::NotConverged,
+                (false, true) => SolutionStatus::Converged,
+            } as u32,
+            solve_ns: 0,
+        };
+        if let Some(window) = &self.window {
+            solution.origin = window.world().frame.origin().to_degrees();
+            solution.keyframes = window.nodes().len() as u32;
+            if let Some(newest) = window.nodes().back() {
+                newest.state.write_solution(&self.newest_covariance, &mut solution);
+            }
+        }
+        self.report.header = Header::at(t);
+        self.report.solution = solution.id;
+        self.report.t_keyframe = t.0;
+        self.report.iterations = solve.passes;
+        self.report.keyframes = solution.keyframes;
+        solution
+    }
+}
+
+impl Estimator for FgoEstimator {
+    fn ingest(&mut self, measurement: &Measurement, effort: Effort) -> Result<Option<Solution>, EstimatorError> {
+        let reading = match Reading::try_from(measurement) {
+            Ok(reading) => reading,
+            Err(error) => {
+                if let Some(sensor) = measurement.sensor() {
+                    self.ties.refuse(sensor, RejectReason::Malformed);
+                }
+                return Err(error.into());
+            }
+        };
+        if !self.is_started {
+            self.initialiser.push(measurement);
+        }
+        match reading {
+            Reading::Imu { gyro_body, accel_body } => {
+                let point = ImuPoint { gyro_body: gyro_body.into(), accel_body: accel_body.into() };
+                self.ingest_imu(measurement.t_valid(), point)?;
+                Ok(None)
+            }
+            Reading::Keyframe { .. } => self.keyframe(measurement.t_keyframe(), effort),
+            _ if measurement.t_valid() <= self.t_resumed => {
+                if let Some(sensor) = measurement.sensor() {
+                    self.ties.refuse(sensor, RejectReason::BeforeStart);
+                }
+                Ok(None)
+            }
+            _ if self.pending.len() == PENDING_MAX => {
+                if let Some(sensor) = measurement.sensor() {
+                    self.ties.refuse(sensor, RejectReason::TooMany);
+                }
+                Ok(None)
+            }
+            _ => {
+                self.pending.push((*measurement, reading));
+                Ok(None)
+            }
+        }
+    }
+}
+
+/// A restarted estimator has samples only from some time after its keyframe: the first of them also stands at the keyframe,
+/// so that the stretch between is bridged as a gap.
+fn bridge_to_history(window: &Window, history: &mut ImuHistory, t_keyframe: Time) {
+    debug_assert!(!window.nodes().is_empty(), "a started window holds a keyframe");
+    if history.oldest().is_some_and(|oldest| oldest > t_keyframe) {
+        history.hold_back_to(t_keyframe);
+    }
+}
+
+/// C_n⁻ = F C Fᵀ + Q with F = [T_j; 0 I] and Q = [L P9 Lᵀ, L P96; ·, walk].
+fn predict_covariance(
+    covariance: &Block<DIM>,
+    from: &NavState,
+    increment: &Preintegration,
+    world: &WorldModel,
+) -> Block<DIM> {
+    let jacobians = transport_jacobians(from, increment, world);
+    let mut f = Block::<DIM>::identity();
+    f.fixed_rows_mut::<9>(0).copy_from(&jacobians.state);
+    let mut g = Block::<DIM>::identity();
+    g.fixed_view_mut::<9, 9>(0, 0).copy_from(&jacobians.increment);
+    let mut predicted = Block::<DIM>::zeros();
+    for (outer, inner) in [(f, *covariance), (g, increment.covariance())] {
+        let mut half = SMatrix::<f64, DIM, DIM>::zeros();
+        // outer · inner, inner being symmetric.
+        add_product_transposed(&mut half, &outer, &inner, 1.0);
+        add_product_transposed(&mut predicted, &half, &outer, 1.0);
+    }
+    predicted
+}
+
+fn empty_report() -> KeyframeReport {
+    KeyframeReport {
+        header: Header::default(),
+        solution: 0,
+        t_keyframe: 0,
+        cost: [0.0; 2],
+        iterations: 0,
+        keyframes: 0,
+        factor_count: 0,
+        factors_left_out: 0,
+        factors: [FactorReport::default(); FACTORS_MAX],
+    }
+}
+
+const _: () = assert!(AIDING.len() == 5, "`Solution::t_last_used` has five places");

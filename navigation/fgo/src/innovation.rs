@@ -1,0 +1,136 @@
+//! Judging a measurement before it enters: innovation, gate, first weight (§3.3, §4.2 of the method).
+//!
+//! Everything is in units of the measurement's own sigma: rows are whitened by Λ, so the innovation covariance is
+//! S = J̃ C J̃ᵀ + I. After an outage C has grown, and S with it: a gate on Λ alone would refuse a returning sensor for ever.
+
+use nalgebra::{Cholesky, SMatrix, SVector};
+use shared_types::{Kernel, Sensor};
+
+use crate::kernels::{Block, BlockVector};
+use crate::robust::{gate_threshold, weight};
+use crate::rows::{DIM, Row};
+
+/// A range longer than predicted by more sigmas than this is multipath; one shorter may be a little further off (§3.3).
+const RANGE_TOO_LONG: f64 = 4.0;
+const RANGE_TOO_SHORT: f64 = 5.0;
+/// After so many refusals in a row while the state is known better than the sensor measures, the next one is admitted.
+const REFUSALS_IN_A_ROW: u32 = 5;
+
+/// A measurement against its prediction.
+#[derive(Clone, Copy, Debug)]
+pub struct Innovation {
+    /// Predicted minus measured in sigmas of S, row by row.
+    pub whitened: [f64; 3],
+    /// Squared normalised innovation.
+    pub nis: f64,
+    /// tr(J̃ C J̃ᵀ): how much of S is the state's own uncertainty, against the number of rows.
+    pub state_share: f64,
+}
+
+impl Innovation {
+    /// Of rows at a step δ from their linearisation point, with the covariance of that state.
+    pub fn of(rows: &[Row], delta: &BlockVector<DIM>, covariance: &Block<DIM>) -> Innovation {
+        let count = rows.len();
+        let mut s = SMatrix::<f64, 3, 3>::identity();
+        let mut innovation = SVector::<f64, 3>::zeros();
+        let mut state_share = 0.0;
+        for (i, row) in rows.iter().enumerate() {
+            innovation[i] = row.after(delta);
+            let projected = covariance * row.jacobian;
+            for (j, other) in rows.iter().enumerate().take(i + 1) {
+                let value = other.jacobian.dot(&projected);
+                s[(i, j)] += value;
+                if i != j {
+                    s[(j, i)] += value;
+                } else {
+                    state_share += value;
+                }
+            }
+        }
+        let mut whitened = innovation;
+        if let Some(cholesky) = Cholesky::new(s) {
+            cholesky.l_dirty().solve_lower_triangular_mut(&mut whitened);
+        }
+        let nis = whitened.rows(0, count).norm_squared();
+        Innovation { whitened: whitened.into(), nis, state_share }
+    }
+
+    /// The same for one range whose epoch's unknown offset is estimated as `offset` sigmas of that range.
+    pub fn without_offset(mut self, offset: f64, s: f64) -> Innovation {
+        self.whitened[0] -= offset / s;
+        self.nis = self.whitened[0] * self.whitened[0];
+        self
+    }
+
+    /// Whether a gate of 99.9 % lets it through; ranges are judged on two sides.
+    pub fn passes(&self, sensor: Sensor, components: usize) -> bool {
+        if sensor == Sensor::Lbl {
+            return (-RANGE_TOO_LONG..=RANGE_TOO_SHORT).contains(&self.whitened[0]);
+        }
+        // The negation refuses a NaN.
+        self.nis <= gate_threshold(components)
+    }
+
+    /// The robust weight to begin with: by the innovation, since the residual after the update is not known yet.
+    pub fn first_weight(&self, kernel: Kernel) -> f64 {
+        weight(kernel, self.nis)
+    }
+}
+
+/// Refusals in a row of one sensor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Refusals {
+    in_a_row: u32,
+}
+
+impl Refusals {
+    /// A measurement (or a whole epoch) was refused although the state is known well, or passed.
+    pub fn observe(&mut self, passed: bool) {
+        self.in_a_row = if passed { 0 } else { self.in_a_row.saturating_add(1) };
+    }
+
+    /// Whether the sensor has been refused for so long that the state may be what is wrong.
+    pub fn admits_next(&self) -> bool {
+        self.in_a_row >= REFUSALS_IN_A_ROW
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(at: usize, residual: f64) -> Row {
+        let mut jacobian = BlockVector::zeros();
+        jacobian[at] = 1.0;
+        Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0 }
+    }
+
+    #[test]
+    fn an_uncertain_state_makes_a_large_innovation_probable() {
+        let rows = [row(0, 10.0), row(1, 0.0), row(2, 0.0)];
+        let known = Innovation::of(&rows, &BlockVector::zeros(), &(Block::identity() * 1e-6));
+        let lost = Innovation::of(&rows, &BlockVector::zeros(), &(Block::identity() * 100.0));
+        assert!(!known.passes(Sensor::Gnss, 3) && lost.passes(Sensor::Gnss, 3));
+        assert!((lost.nis - 100.0 / 101.0).abs() < 1e-12, "{}", lost.nis);
+    }
+
+    #[test]
+    fn a_range_may_be_a_little_too_short_but_not_as_much_too_long() {
+        let covariance = Block::zeros();
+        let innovation = |r: f64| Innovation::of(&[row(0, r)], &BlockVector::zeros(), &covariance);
+        assert!(innovation(4.5).passes(Sensor::Lbl, 1), "measured shorter than predicted");
+        assert!(!innovation(-4.5).passes(Sensor::Lbl, 1), "measured longer than predicted");
+    }
+
+    #[test]
+    fn five_refusals_in_a_row_admit_the_next() {
+        let mut refusals = Refusals::default();
+        for _ in 0..5 {
+            assert!(!refusals.admits_next());
+            refusals.observe(false);
+        }
+        assert!(refusals.admits_next());
+        refusals.observe(true);
+        assert!(!refusals.admits_next());
+    }
+}

@@ -1,0 +1,227 @@
+//! One keyframe of the window: its linearisation point, the sensors tied to it, and the IMU interval to the next.
+
+use nalgebra::Vector3;
+use nav_models::inertial::{ImuFactor, ImuWeight, NotPositiveDefinite};
+use nav_models::preintegration::Preintegration;
+use nav_models::state::{ATTITUDE, NavState, POSITION, VELOCITY};
+use nav_models::world::WorldModel;
+use shared_types::Time;
+
+use crate::chain::Link;
+use crate::factor::Factor;
+use crate::interval::{ImuHistory, ImuModel};
+use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed};
+use crate::rows::{DIM, Rows};
+
+/// A state further than this from its linearisation point is linearised anew (§4.3): the ranges' curvature over 0.3 m
+/// and the attitude's over 2 mrad stay below a tenth of a millimetre.
+const REANCHOR_POSITION: f64 = 0.3;
+const REANCHOR_VELOCITY: f64 = 0.3;
+const REANCHOR_ATTITUDE: f64 = 2e-3;
+
+/// A step smaller than this need not be carried to older states (§4.3).
+const CARRY_POSITION: f64 = 1e-3;
+const CARRY_VELOCITY: f64 = 1e-3;
+const CARRY_ATTITUDE: f64 = 1e-5;
+
+/// One keyframe.
+#[derive(Clone, Debug)]
+pub struct Node {
+    /// Data time.
+    pub t: Time,
+    /// Where its factors are linearised.
+    pub linearised: NavState,
+    /// Total step from there.
+    pub delta: BlockVector<DIM>,
+    /// `linearised ⊞ delta`.
+    pub state: NavState,
+    /// Measurements tied to it.
+    pub factors: Vec<Factor>,
+    /// Their rows.
+    pub rows: Rows,
+    /// Normal equations of the rows at their weights.
+    pub sensors: (Block<DIM>, BlockVector<DIM>),
+    /// IMU interval to the next keyframe; nothing for the newest.
+    pub interval: Interval,
+    /// Its place in the chain.
+    pub link: Link<DIM>,
+}
+
+/// The IMU factor between a keyframe and the next, at their linearisation points.
+#[derive(Clone, Debug)]
+pub struct Interval {
+    /// `None` while this is the newest keyframe.
+    closed: Option<Closed>,
+    /// Part on the keyframe itself.
+    pub near: (Block<DIM>, BlockVector<DIM>),
+    /// Part on the next.
+    pub far: (Block<DIM>, BlockVector<DIM>),
+    /// Coupling, transposed: rows of the next keyframe.
+    pub coupling_transposed: Block<DIM>,
+    /// Half the squared whitened residual at the linearisation points.
+    pub cost: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Closed {
+    factor: ImuFactor,
+    weight: ImuWeight,
+}
+
+impl Default for Interval {
+    fn default() -> Self {
+        Interval {
+            closed: None,
+            near: (Block::zeros(), BlockVector::zeros()),
+            far: (Block::zeros(), BlockVector::zeros()),
+            coupling_transposed: Block::zeros(),
+            cost: 0.0,
+        }
+    }
+}
+
+impl Interval {
+    /// Takes a closed interval's preintegration.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`] when its covariance is singular, as that of no time at all.
+    pub fn close(&mut self, preintegration: Preintegration) -> Result<(), NotPositiveDefinite> {
+        let factor = ImuFactor::new(preintegration);
+        self.closed = Some(Closed { weight: factor.weight()?, factor });
+        Ok(())
+    }
+
+    /// Whether these biases are too far from those of the preintegration for its first-order correction.
+    pub fn needs_reintegration(&self, state: &NavState) -> bool {
+        self.closed
+            .as_ref()
+            .is_some_and(|closed| closed.factor.preintegration.needs_reintegration(&state.accel_bias, &state.gyro_bias))
+    }
+
+    /// Linearises between two keyframes. Does nothing on an open interval.
+    pub fn linearise(&mut self, near: &NavState, far: &NavState, world: &WorldModel) {
+        let Some(Closed { factor, weight }) = &self.closed else { return };
+        let jacobians = factor.jacobians(near, far, world);
+        // Whitened and transposed: (W J)ᵀ = Jᵀ Wᵀ, one column per row of W J.
+        let mut near_transposed = Block::zeros();
+        let mut far_transposed = Block::zeros();
+        add_product_transposed(&mut near_transposed, &jacobians.from.transpose(), &weight.whitener, 1.0);
+        add_product_transposed(&mut far_transposed, &jacobians.to.transpose(), &weight.whitener, 1.0);
+        let mut residual = BlockVector::zeros();
+        add_times_transposed(&mut residual, &weight.whitener, &factor.residual(near, far, world), 1.0);
+        self.near = (Block::zeros(), BlockVector::zeros());
+        self.far = (Block::zeros(), BlockVector::zeros());
+        self.coupling_transposed = Block::zeros();
+        add_gram_transposed(&mut self.near.0, &near_transposed, 1.0);
+        add_gram_transposed(&mut self.far.0, &far_transposed, 1.0);
+        add_product_transposed(&mut self.coupling_transposed, &far_transposed, &near_transposed, 1.0);
+        add_times_transposed(&mut self.near.1, &near_transposed, &residual, -1.0);
+        add_times_transposed(&mut self.far.1, &far_transposed, &residual, -1.0);
+        self.cost = 0.5 * residual.norm_squared();
+    }
+}
+
+impl Node {
+    /// A keyframe without measurements at a predicted state.
+    pub fn new(t: Time, state: &NavState) -> Node {
+        Node {
+            t,
+            linearised: *state,
+            delta: BlockVector::zeros(),
+            state: *state,
+            factors: Vec::with_capacity(64),
+            rows: Rows::default(),
+            sensors: (Block::zeros(), BlockVector::zeros()),
+            interval: Interval::default(),
+            link: Link::default(),
+        }
+    }
+
+    /// Makes a used node new; keeps its memory.
+    pub fn renew(&mut self, t: Time, state: &NavState) {
+        self.t = t;
+        self.linearised = *state;
+        self.delta = BlockVector::zeros();
+        self.state = *state;
+        self.factors.clear();
+        self.rows.clear();
+        self.sensors = (Block::zeros(), BlockVector::zeros());
+        self.interval.closed = None;
+        self.interval.near = (Block::zeros(), BlockVector::zeros());
+        self.interval.far = (Block::zeros(), BlockVector::zeros());
+        self.interval.coupling_transposed = Block::zeros();
+        self.interval.cost = 0.0;
+    }
+
+    /// Evaluates every sensor anew at the linearisation point, weights at the present estimate.
+    pub fn linearise_sensors(&mut self, world: &WorldModel) {
+        self.rows.clear();
+        let mut index = 0;
+        while index < self.factors.len() {
+            index += Factor::push_rows(&mut self.factors[index..], &self.linearised, world, &mut self.rows);
+        }
+        self.rows.refresh_weights(&self.delta, 0.0);
+        self.assemble_sensors();
+    }
+
+    /// Sums the rows at their weights.
+    pub fn assemble_sensors(&mut self) {
+        self.sensors = (Block::zeros(), BlockVector::zeros());
+        self.rows.assemble(&mut self.sensors.0, &mut self.sensors.1);
+    }
+
+    /// Takes a new total step. Says whether older states feel the change.
+    pub fn take_step(&mut self, delta: BlockVector<DIM>) -> bool {
+        let change = delta - self.delta;
+        self.delta = delta;
+        self.state = self.linearised.retract(&delta);
+        let [position, velocity, attitude] = lengths(&change);
+        !(position < CARRY_POSITION && velocity < CARRY_VELOCITY && attitude < CARRY_ATTITUDE)
+    }
+
+    /// Whether it is too far from its linearisation point, or its biases from those of its interval.
+    pub fn is_far(&self) -> bool {
+        let [position, velocity, attitude] = lengths(&self.delta);
+        position > REANCHOR_POSITION
+            || velocity > REANCHOR_VELOCITY
+            || attitude > REANCHOR_ATTITUDE
+            || self.interval.needs_reintegration(&self.state)
+    }
+
+    /// Preintegrates anew what the biases have left: the interval to `t_next` and the increments of the measurements.
+    /// Samples that are no longer held leave an increment as it was.
+    pub fn reintegrate(&mut self, t_next: Option<Time>, history: &ImuHistory, imu: &ImuModel) {
+        let (accel_bias, gyro_bias) = (self.state.accel_bias, self.state.gyro_bias);
+        if let Some(t_next) = t_next
+            && self.interval.needs_reintegration(&self.state)
+            && let Some(anew) = history.integrate(self.t, t_next, &accel_bias, &gyro_bias, imu)
+        {
+            // The covariance of the same samples was positive definite before; if rounding says otherwise, keep that.
+            let before = self.interval.closed.clone();
+            if self.interval.close(anew).is_err() {
+                self.interval.closed = before;
+            }
+        }
+        for factor in &mut self.factors {
+            if let Some(increment) = &factor.increment
+                && increment.needs_reintegration(&accel_bias, &gyro_bias)
+                && let Some(anew) = history.integrate(self.t, factor.t, &accel_bias, &gyro_bias, imu)
+            {
+                factor.increment = Some(anew);
+            }
+        }
+    }
+
+    /// Moves the linearisation point to the present estimate; returns the step that was taken.
+    pub fn reanchor(&mut self) -> BlockVector<DIM> {
+        let step = self.delta;
+        self.linearised = self.state;
+        self.delta = BlockVector::zeros();
+        step
+    }
+}
+
+/// Lengths of the position, velocity and attitude parts.
+pub fn lengths(delta: &BlockVector<DIM>) -> [f64; 3] {
+    [POSITION, VELOCITY, ATTITUDE].map(|at| Vector3::new(delta[at], delta[at + 1], delta[at + 2]).norm())
+}

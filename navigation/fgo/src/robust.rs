@@ -1,0 +1,118 @@
+//! Robust weights and chi-square gates (§4.2 of the method).
+//!
+//! Weights multiply whole blocks: r and J by √w (iteratively reweighted least squares). The IMU factor and the prior are
+//! never weighted.
+
+use shared_types::Kernel;
+
+/// 99.9 % quantiles of χ² for 1 to 3 degrees of freedom.
+const CHI2_999: [f64; 3] = [10.828, 13.816, 16.266];
+/// 95 % quantiles of χ² for 1 to 3 degrees of freedom.
+const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
+
+/// Largest squared normalised innovation that a gate of 99.9 % lets through. `rows` is 1 to 3.
+pub fn gate_threshold(rows: usize) -> f64 {
+    CHI2_999[rows - 1]
+}
+
+/// Running share of improbable innovations of one sensor, which narrows an adaptive kernel.
+///
+/// e ← 0.98 e + 0.02 [s > χ² 95 %]; above 0.12 the sensor is plainly not what its sigma says. Two and a half times the
+/// share expected of a healthy sensor, over some fifty readings.
+#[derive(Clone, Copy, Debug)]
+pub struct ImprobableShare {
+    share: f64,
+}
+
+impl Default for ImprobableShare {
+    fn default() -> Self {
+        ImprobableShare { share: 0.05 }
+    }
+}
+
+impl ImprobableShare {
+    const MEMORY: f64 = 0.98;
+    const SUSPICIOUS: f64 = 0.12;
+
+    /// Takes in a squared normalised innovation with `rows` degrees of freedom.
+    pub fn observe(&mut self, nis: f64, rows: usize) {
+        let exceeds = if nis > CHI2_95[rows - 1] { 1.0 } else { 0.0 };
+        self.share = Self::MEMORY * self.share + (1.0 - Self::MEMORY) * exceeds;
+    }
+
+    /// Whether the sensor is not what its sigma says.
+    pub fn is_suspicious(&self) -> bool {
+        self.share > Self::SUSPICIOUS
+    }
+}
+
+/// The kernel in force: an adaptive one made definite.
+pub fn settle(kernel: Kernel, share: &ImprobableShare) -> Kernel {
+    /// Width while the sensor is suspicious.
+    const NARROW: f64 = 1.0;
+    match kernel {
+        Kernel::AdaptiveCauchy(_) if share.is_suspicious() => Kernel::Cauchy(NARROW),
+        Kernel::AdaptiveCauchy(width) => Kernel::Cauchy(width),
+        definite => definite,
+    }
+}
+
+/// Weight of a block whose squared whitened norm is `s`.
+pub fn weight(kernel: Kernel, s: f64) -> f64 {
+    match kernel {
+        Kernel::None => 1.0,
+        Kernel::Huber(k) => {
+            if s <= k * k {
+                1.0
+            } else {
+                k / s.sqrt()
+            }
+        }
+        Kernel::Cauchy(c) | Kernel::AdaptiveCauchy(c) => 1.0 / (1.0 + s / (c * c)),
+    }
+}
+
+/// Contribution ρ(s) of such a block to twice the cost: the function whose derivative is [`weight`].
+pub fn loss(kernel: Kernel, s: f64) -> f64 {
+    match kernel {
+        Kernel::None => s,
+        Kernel::Huber(k) => {
+            if s <= k * k {
+                s
+            } else {
+                2.0 * k * s.sqrt() - k * k
+            }
+        }
+        Kernel::Cauchy(c) | Kernel::AdaptiveCauchy(c) => c * c * (s / (c * c)).ln_1p(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_weight_is_the_derivative_of_the_loss() {
+        for kernel in [Kernel::None, Kernel::Huber(1.345), Kernel::Cauchy(2.0)] {
+            for s in [0.1, 1.0, 3.0, 50.0] {
+                let numeric = (loss(kernel, s + 1e-5) - loss(kernel, s - 1e-5)) / 2e-5;
+                assert!((numeric - weight(kernel, s)).abs() < 1e-8, "{kernel:?} at {s}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_sensor_with_a_tenth_of_outliers_more_than_expected_narrows_its_kernel() {
+        let mut share = ImprobableShare::default();
+        let kernel = Kernel::AdaptiveCauchy(2.385);
+        assert_eq!(settle(kernel, &share), Kernel::Cauchy(2.385));
+        for index in 0..200 {
+            share.observe(if index % 4 == 0 { 100.0 } else { 1.0 }, 3);
+        }
+        assert_eq!(settle(kernel, &share), Kernel::Cauchy(1.0));
+        for _ in 0..200 {
+            share.observe(1.0, 3);
+        }
+        assert_eq!(settle(kernel, &share), Kernel::Cauchy(2.385));
+    }
+}

@@ -1,0 +1,324 @@
+//! Whitened, robustly weighted rows of the sensors tied to one keyframe.
+//!
+//! A row is r̃ + j̃ᵀ δ with unit variance, δ the keyframe's step from its linearisation point. Rows are kept, so that
+//! weights can be refreshed and costs told without evaluating a sensor model again.
+//!
+//! Ranges of one epoch that share an unknown offset d ~ N(0, σ_d²) are one group with the information matrix
+//! `W = Σ⁻¹ − Σ⁻¹1 1ᵀΣ⁻¹ / (σ_d⁻² + 1ᵀΣ⁻¹1)` (§3.2 of the method): the sum over rows less a rank-one part.
+//! σ_d = 0 makes them single rows, σ_d = ∞ is identical to range differences against any reference buoy.
+
+use shared_types::Kernel;
+
+use crate::kernels::{Block, BlockVector};
+use crate::robust::{loss, weight};
+
+/// Error coordinates of a keyframe.
+pub const DIM: usize = 15;
+
+/// One whitened row.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// ∂r/∂δ over σ.
+    pub jacobian: BlockVector<DIM>,
+    /// r over σ, at the linearisation point.
+    pub residual: f64,
+    /// 1/σ: needed where rows share an offset.
+    pub inverse_sigma: f64,
+    /// Robust weight in use.
+    pub weight: f64,
+}
+
+impl Row {
+    /// r̃ after a step δ.
+    pub fn after(&self, delta: &BlockVector<DIM>) -> f64 {
+        self.residual + self.jacobian.dot(delta)
+    }
+}
+
+/// Rows that are weighted together or share an offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Group {
+    /// One measurement: its rows bear one weight.
+    Single {
+        /// Robust kernel.
+        kernel: Kernel,
+    },
+    /// Ranges with a common unknown offset of this 1-sigma, m; each row bears its own weight.
+    CommonOffset {
+        /// Robust kernel.
+        kernel: Kernel,
+        /// 1-sigma of the offset, m; may be infinite.
+        sigma: f64,
+    },
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    first: usize,
+    end: usize,
+    group: Group,
+}
+
+/// All rows tied to one keyframe.
+#[derive(Clone, Debug, Default)]
+pub struct Rows {
+    rows: Vec<Row>,
+    spans: Vec<Span>,
+}
+
+impl Rows {
+    /// Removes every row; keeps the memory.
+    pub fn clear(&mut self) {
+        self.rows.clear();
+        self.spans.clear();
+    }
+
+    /// Appends a group.
+    pub fn push(&mut self, group: Group, rows: &[Row]) {
+        self.open(group);
+        self.extend(rows);
+        self.close();
+    }
+
+    /// Begins a group, to be filled with [`Rows::extend`] and ended with [`Rows::close`].
+    pub fn open(&mut self, group: Group) {
+        self.spans.push(Span { first: self.rows.len(), end: self.rows.len(), group });
+    }
+
+    /// Adds rows to the group that was begun.
+    pub fn extend(&mut self, rows: &[Row]) {
+        self.rows.extend_from_slice(rows);
+    }
+
+    /// Ends the group that was begun; one without rows vanishes.
+    pub fn close(&mut self) {
+        if let Some(span) = self.spans.last_mut() {
+            span.end = self.rows.len();
+            if span.end == span.first {
+                self.spans.pop();
+            }
+        }
+    }
+
+    /// Adds the normal equations of all rows: `information` += JᵀWJ, `right` −= JᵀWr.
+    pub fn assemble(&self, information: &mut Block<DIM>, right: &mut BlockVector<DIM>) {
+        for span in &self.spans {
+            for row in &self.rows[span.first..span.end] {
+                add_outer(information, &row.jacobian, row.weight);
+                add_scaled(right, &row.jacobian, -row.weight * row.residual);
+            }
+            if let Group::CommonOffset { sigma, .. } = span.group {
+                self.subtract_offset(span, sigma, information, right);
+            }
+        }
+    }
+
+    fn subtract_offset(&self, span: &Span, sigma: f64, information: &mut Block<DIM>, right: &mut BlockVector<DIM>) {
+        let mut direction = BlockVector::<DIM>::zeros();
+        let (mut mean, mut total) = (0.0, 1.0 / (sigma * sigma));
+        for row in &self.rows[span.first..span.end] {
+            let share = row.weight * row.inverse_sigma;
+            add_scaled(&mut direction, &row.jacobian, share);
+            mean += share * row.residual;
+            total += share * row.inverse_sigma;
+        }
+        add_outer(information, &direction, -1.0 / total);
+        add_scaled(right, &direction, mean / total);
+    }
+
+    /// Takes robust weights from the residuals after a step δ. A measurement whose weight would change by no more than
+    /// `tolerance` keeps the one it has. Returns whether any changed.
+    pub fn refresh_weights(&mut self, delta: &BlockVector<DIM>, tolerance: f64) -> bool {
+        let mut changed = false;
+        for index in 0..self.spans.len() {
+            let span = self.spans[index];
+            match span.group {
+                Group::Single { kernel: Kernel::None } => {}
+                Group::Single { kernel } => {
+                    let rows = &mut self.rows[span.first..span.end];
+                    let s: f64 = rows.iter().map(|row| row.after(delta).powi(2)).sum();
+                    let new = weight(kernel, s);
+                    if (new - rows[0].weight).abs() > tolerance {
+                        rows.iter_mut().for_each(|row| row.weight = new);
+                        changed = true;
+                    }
+                }
+                Group::CommonOffset { kernel, sigma } => {
+                    let offset = self.offset(&span, sigma, delta);
+                    for row in &mut self.rows[span.first..span.end] {
+                        let whitened = row.after(delta) - offset * row.inverse_sigma;
+                        let new = weight(kernel, whitened * whitened);
+                        if (new - row.weight).abs() > tolerance {
+                            row.weight = new;
+                            changed = true;
+                        }
+                    }
+                }
+            }
+        }
+        changed
+    }
+
+    /// d̂ of a group after a step δ, m.
+    fn offset(&self, span: &Span, sigma: f64, delta: &BlockVector<DIM>) -> f64 {
+        let (mut mean, mut total) = (0.0, 1.0 / (sigma * sigma));
+        for row in &self.rows[span.first..span.end] {
+            let share = row.weight * row.inverse_sigma;
+            mean += share * row.after(delta);
+            total += share * row.inverse_sigma;
+        }
+        if total > 0.0 { mean / total } else { 0.0 }
+    }
+
+    /// Half the robust sum of squares after a step δ.
+    pub fn cost(&self, delta: &BlockVector<DIM>) -> f64 {
+        let mut twice = 0.0;
+        for span in &self.spans {
+            let rows = &self.rows[span.first..span.end];
+            match span.group {
+                Group::Single { kernel } => {
+                    twice += loss(kernel, rows.iter().map(|row| row.after(delta).powi(2)).sum());
+                }
+                Group::CommonOffset { kernel, sigma } => {
+                    let offset = self.offset(span, sigma, delta);
+                    twice += rows
+                        .iter()
+                        .map(|row| loss(kernel, (row.after(delta) - offset * row.inverse_sigma).powi(2)))
+                        .sum::<f64>();
+                    twice += (offset / sigma).powi(2);
+                }
+            }
+        }
+        0.5 * twice
+    }
+}
+
+#[inline(always)]
+fn add_outer(target: &mut Block<DIM>, v: &BlockVector<DIM>, scale: f64) {
+    let v = &v.data.0[0];
+    for j in 0..DIM {
+        let factor = scale * v[j];
+        let column = &mut target.data.0[j];
+        for i in 0..DIM {
+            column[i] += v[i] * factor;
+        }
+    }
+}
+
+#[inline(always)]
+fn add_scaled(target: &mut BlockVector<DIM>, v: &BlockVector<DIM>, scale: f64) {
+    for i in 0..DIM {
+        target.data.0[0][i] += v.data.0[0][i] * scale;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+
+    const SIGMAS: [f64; 4] = [0.3, 0.3, 0.4, 0.5];
+
+    fn epoch() -> (DMatrix<f64>, DVector<f64>, Vec<Row>) {
+        let jacobian = DMatrix::from_fn(4, DIM, |i, j| ((i * 15 + j) as f64 * 0.7).sin());
+        let residual = DVector::from_vec(vec![0.1, -2.0, 1.0, -0.4]);
+        let rows = (0..4)
+            .map(|i| Row {
+                jacobian: BlockVector::from_iterator(jacobian.row(i).iter().map(|x| x / SIGMAS[i])),
+                residual: residual[i] / SIGMAS[i],
+                inverse_sigma: 1.0 / SIGMAS[i],
+                weight: 1.0,
+            })
+            .collect();
+        (jacobian, residual, rows)
+    }
+
+    /// The same through the full covariance Σ + σ_d² 11ᵀ.
+    fn dense(sigma_d: f64) -> (DMatrix<f64>, DVector<f64>) {
+        let (jacobian, residual, _) = epoch();
+        let covariance =
+            DMatrix::from_fn(4, 4, |i, j| sigma_d * sigma_d + if i == j { SIGMAS[i] * SIGMAS[i] } else { 0.0 });
+        let information = covariance.try_inverse().expect("regular");
+        (jacobian.transpose() * &information * &jacobian, -(jacobian.transpose() * information * residual))
+    }
+
+    fn assembled(group: Group) -> (Block<DIM>, BlockVector<DIM>) {
+        let (_, _, rows) = epoch();
+        let mut block = Rows::default();
+        block.push(group, &rows);
+        let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
+        block.assemble(&mut information, &mut right);
+        (information, right)
+    }
+
+    #[test]
+    fn a_common_offset_equals_its_full_covariance() {
+        for sigma in [0.2, 3.0, 50.0] {
+            let (information, right) = assembled(Group::CommonOffset { kernel: Kernel::None, sigma });
+            let (expected, expected_right) = dense(sigma);
+            assert!((information - expected).amax() < 1e-10, "sigma {sigma}");
+            assert!((right - expected_right).amax() < 1e-10, "sigma {sigma}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_offset_equals_differences_against_any_buoy() {
+        let (information, right) = assembled(Group::CommonOffset { kernel: Kernel::None, sigma: f64::INFINITY });
+        let (jacobian, residual, _) = epoch();
+        for reference in 0..4 {
+            let others: Vec<usize> = (0..4).filter(|&i| i != reference).collect();
+            let difference = DMatrix::from_fn(3, 4, |i, j| {
+                f64::from(i8::from(others[i] == j)) - f64::from(i8::from(j == reference))
+            });
+            let sigma = DMatrix::from_diagonal(&DVector::from_iterator(4, SIGMAS.iter().map(|s| s * s)));
+            let w = (&difference * sigma * difference.transpose()).try_inverse().expect("regular");
+            let (dj, dr) = (&difference * &jacobian, &difference * &residual);
+            assert!((information - dj.transpose() * &w * &dj).amax() < 1e-10, "reference {reference}");
+            assert!((right + dj.transpose() * &w * &dr).amax() < 1e-10, "reference {reference}");
+        }
+    }
+
+    #[test]
+    fn one_range_with_an_unknown_offset_says_nothing() {
+        let (_, _, rows) = epoch();
+        let mut block = Rows::default();
+        block.push(Group::CommonOffset { kernel: Kernel::None, sigma: f64::INFINITY }, &rows[..1]);
+        let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
+        block.assemble(&mut information, &mut right);
+        assert!(information.amax() < 1e-12 && right.amax() < 1e-12);
+    }
+
+    #[test]
+    fn the_right_side_is_the_downhill_slope_of_the_cost() {
+        let (_, _, rows) = epoch();
+        let mut block = Rows::default();
+        block.push(Group::Single { kernel: Kernel::Huber(1.345) }, &rows[..3]);
+        block.push(Group::Single { kernel: Kernel::Cauchy(2.0) }, &rows[3..]);
+        block.push(Group::CommonOffset { kernel: Kernel::None, sigma: 1.0 }, &rows);
+        block.refresh_weights(&BlockVector::zeros(), 0.0);
+        let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
+        block.assemble(&mut information, &mut right);
+        for i in 0..DIM {
+            let mut step = BlockVector::zeros();
+            step[i] = 1e-6;
+            let slope = (block.cost(&step) - block.cost(&-step)) / 2e-6;
+            assert!((slope + right[i]).abs() < 1e-6 * (1.0 + slope.abs()), "coordinate {i}: {slope} {}", right[i]);
+        }
+    }
+
+    #[test]
+    fn an_outlier_among_ranges_loses_its_own_weight_only() {
+        let (_, _, mut rows) = epoch();
+        for row in &mut rows {
+            row.residual = 0.0;
+        }
+        rows[2].residual = -200.0;
+        let mut block = Rows::default();
+        block.push(Group::CommonOffset { kernel: Kernel::Cauchy(2.0), sigma: f64::INFINITY }, &rows);
+        for _ in 0..20 {
+            block.refresh_weights(&BlockVector::zeros(), 0.0);
+        }
+        let weights: Vec<f64> = block.rows.iter().map(|row| row.weight).collect();
+        assert!(weights[2] < 1e-3 && weights[0] > 0.99 && weights[1] > 0.99 && weights[3] > 0.99, "{weights:?}");
+    }
+}

@@ -1,0 +1,339 @@
+//! The sliding window: a chain of keyframes, solved by work only where something changed.
+//!
+//! §4.3 of the method. The unknown of a keyframe is its *total* step δ from its own linearisation point, so right sides
+//! stay valid when the point does not move. Per keyframe: drop the oldest (its stored factors are the prior of the next),
+//! append the new one, sweep from the oldest changed link, substitute back while the change is felt, linearise anew what
+//! has moved too far, repeat if anything was.
+//!
+//! **FEJ**: the keyframe that carries a marginal prior keeps its linearisation point in all its factors, so that directions
+//! which no sensor observes gain no information. Before the first marginalisation the oldest is an ordinary state. A prior
+//! is carried to a new point only when its keyframe has moved so far (5° of attitude) that its curvature costs more.
+
+use std::collections::VecDeque;
+
+use nav_geometry::so3;
+use nav_models::preintegration::Preintegration;
+use nav_models::state::{ATTITUDE, NavState};
+use nav_models::world::WorldModel;
+use shared_types::{FgoConfig, Time};
+
+use crate::chain::Marginal;
+use crate::factor::Factor;
+use crate::interval::{ImuHistory, ImuModel};
+use crate::kernels::{Block, BlockVector, NotPositiveDefinite, cholesky, inverse_from_cholesky};
+use crate::node::{Node, lengths};
+use crate::rows::{DIM, Row};
+
+/// Weights that differ by less are left alone (§4.3: 0.03 costs three times the work for the same error).
+const WEIGHT_TOLERANCE: f64 = 0.1;
+/// A prior's keyframe that has moved further is re-anchored in spite of FEJ.
+const PRIOR_ATTITUDE: f64 = 0.087;
+const PRIOR_POSITION: f64 = 10.0;
+const PRIOR_VELOCITY: f64 = 1.0;
+/// Damping tried in turn when the information does not determine a state.
+const DAMPINGS: [f64; 5] = [0.0, 1e-9, 1e-7, 1e-5, 1e-3];
+
+/// What a solve did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SolveReport {
+    /// Passes over the chain.
+    pub passes: u32,
+    /// States linearised.
+    pub linearised: u32,
+    /// Links swept.
+    pub swept: u32,
+    /// The last pass moved nothing far.
+    pub converged: bool,
+    /// The matrix had to be damped, or gave no step at all.
+    pub damped: bool,
+}
+
+/// The window.
+#[derive(Clone, Debug)]
+pub struct Window {
+    config: FgoConfig,
+    world: WorldModel,
+    nodes: VecDeque<Node>,
+    spare: Vec<Node>,
+    prior: Marginal<DIM>,
+    /// Whether the prior holds marginalised states, whose linearisation cannot be repeated.
+    prior_is_marginal: bool,
+    /// First link whose blocks changed since the last sweep.
+    dirty: usize,
+}
+
+impl Window {
+    /// An empty window.
+    pub fn new(config: FgoConfig, world: WorldModel) -> Window {
+        Window {
+            config,
+            world,
+            nodes: VecDeque::with_capacity(config.window + 2),
+            spare: Vec::with_capacity(2),
+            prior: Marginal { information: Block::zeros(), right: BlockVector::zeros() },
+            prior_is_marginal: false,
+            dirty: 0,
+        }
+    }
+
+    /// The world that its factors live in.
+    pub fn world(&self) -> &WorldModel {
+        &self.world
+    }
+
+    /// Keyframes, oldest first.
+    pub fn nodes(&self) -> &VecDeque<Node> {
+        &self.nodes
+    }
+
+    /// Begins anew with one keyframe and its covariance.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`]: the covariance is not one; the window is left as it was.
+    pub fn start(&mut self, t: Time, state: &NavState, covariance: &Block<DIM>) -> Result<(), NotPositiveDefinite> {
+        let information = inverse_from_cholesky(&cholesky(covariance)?);
+        while let Some(node) = self.nodes.pop_front() {
+            self.spare.push(node);
+        }
+        self.prior = Marginal { information, right: BlockVector::zeros() };
+        self.prior_is_marginal = false;
+        self.push_node(t, state);
+        self.dirty = 0;
+        Ok(())
+    }
+
+    fn push_node(&mut self, t: Time, state: &NavState) {
+        let node = match self.spare.pop() {
+            Some(mut node) => {
+                node.renew(t, state);
+                node
+            }
+            None => Node::new(t, state),
+        };
+        self.nodes.push_back(node);
+    }
+
+    /// Index of the keyframe at exactly `t`.
+    pub fn index_at(&self, t: Time) -> Option<usize> {
+        let index = self.nodes.partition_point(|node| node.t < t);
+        (self.nodes.get(index)?.t == t).then_some(index)
+    }
+
+    /// Marginalises the oldest keyframe if the window is full.
+    pub fn make_room(&mut self) {
+        if self.nodes.len() <= self.config.window {
+            return;
+        }
+        let Some(oldest) = self.nodes.pop_front() else { return };
+        let Marginal { information, right } = oldest.link.marginal();
+        self.prior =
+            Marginal { information: oldest.interval.far.0 + information, right: oldest.interval.far.1 + right };
+        self.prior_is_marginal = true;
+        self.dirty = self.dirty.saturating_sub(1);
+        self.spare.push(oldest);
+    }
+
+    /// Appends a keyframe at a predicted state behind a closed interval.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`]: the interval's covariance is singular; nothing was appended.
+    pub fn append(&mut self, t: Time, state: &NavState, interval: Preintegration) -> Result<(), NotPositiveDefinite> {
+        let last = self.nodes.len() - 1;
+        self.nodes[last].interval.close(interval).map_err(|_| NotPositiveDefinite { row: 0 })?;
+        self.push_node(t, state);
+        self.linearise_interval(last);
+        Ok(())
+    }
+
+    /// Ties a measurement, or the ranges of one epoch that share an offset, to a keyframe. `rows` are those of `factors`
+    /// at that keyframe's linearisation point, weights set.
+    pub fn tie(&mut self, index: usize, factors: &[Factor], rows: &[Row]) {
+        let Some(first) = factors.first() else { return };
+        let node = &mut self.nodes[index];
+        node.rows.push(first.group(), rows);
+        node.factors.extend_from_slice(factors);
+        self.dirty = self.dirty.min(index);
+    }
+
+    fn linearise_interval(&mut self, index: usize) {
+        if index + 1 >= self.nodes.len() {
+            return;
+        }
+        let far = self.nodes[index + 1].linearised;
+        let node = &mut self.nodes[index];
+        let near = node.linearised;
+        node.interval.linearise(&near, &far, &self.world);
+        self.dirty = self.dirty.min(index);
+    }
+
+    /// Solves until nothing moves far, in at most `max_passes`.
+    pub fn solve(&mut self, max_passes: usize, history: &ImuHistory, imu: &ImuModel) -> SolveReport {
+        let mut report = SolveReport::default();
+        for index in self.dirty..self.nodes.len() {
+            self.nodes[index].assemble_sensors();
+        }
+        let max_passes = max_passes.max(1);
+        for pass in 1..=max_passes {
+            report.passes += 1;
+            let first_changed = self.dirty;
+            if !self.sweep(&mut report) {
+                report.damped = true;
+                return report;
+            }
+            let oldest_touched = self.substitute(first_changed);
+            // The last pass moves no linearisation point: a link changed but not swept would spoil the prior when its
+            // neighbour is marginalised.
+            if pass == max_passes {
+                report.converged =
+                    !(oldest_touched..self.nodes.len()).any(|k| self.may_move(k) && self.nodes[k].is_far());
+                break;
+            }
+            if !self.renew_from(oldest_touched, history, imu, &mut report) {
+                report.converged = true;
+                break;
+            }
+        }
+        report
+    }
+
+    /// Factorises from the oldest changed link on; `false` when even damping does not help.
+    fn sweep(&mut self, report: &mut SolveReport) -> bool {
+        for index in self.dirty..self.nodes.len() {
+            self.gather(index);
+        }
+        for (attempt, &damping) in DAMPINGS.iter().enumerate() {
+            if self.factorise(damping, report).is_ok() {
+                report.damped |= attempt > 0;
+                self.dirty = self.nodes.len();
+                return true;
+            }
+        }
+        false
+    }
+
+    fn factorise(&mut self, damping: f64, report: &mut SolveReport) -> Result<(), NotPositiveDefinite> {
+        let nodes = self.nodes.make_contiguous();
+        for index in self.dirty..nodes.len() {
+            let (before, rest) = nodes.split_at_mut(index);
+            rest[0].link.sweep(before.last().map(|node| &node.link), damping)?;
+            report.swept += 1;
+        }
+        Ok(())
+    }
+
+    /// Collects the blocks of one link from its factors.
+    fn gather(&mut self, index: usize) {
+        let (mut diagonal, mut right) = if index == 0 {
+            (self.prior.information, self.prior.right)
+        } else {
+            let before = &self.nodes[index - 1].interval;
+            before.far
+        };
+        let node = &mut self.nodes[index];
+        diagonal += node.sensors.0;
+        right += node.sensors.1;
+        diagonal += node.interval.near.0;
+        right += node.interval.near.1;
+        node.link.diagonal = diagonal;
+        node.link.right = right;
+        node.link.next_transposed = node.interval.coupling_transposed;
+    }
+
+    /// Back substitution, at least down to the first changed link and from there until the change is no longer felt.
+    /// Returns the oldest state touched.
+    fn substitute(&mut self, first_changed: usize) -> usize {
+        let mut next: Option<BlockVector<DIM>> = None;
+        for index in (0..self.nodes.len()).rev() {
+            let node = &mut self.nodes[index];
+            let delta = node.link.substitute(next.as_ref());
+            let is_felt = node.take_step(delta);
+            if !is_felt && index <= first_changed {
+                return index;
+            }
+            next = Some(delta);
+        }
+        0
+    }
+
+    /// Linearises anew what has moved too far and refreshes weights, from `first` on. Returns whether anything changed.
+    fn renew_from(&mut self, first: usize, history: &ImuHistory, imu: &ImuModel, report: &mut SolveReport) -> bool {
+        let mut changed = false;
+        for index in first..self.nodes.len() {
+            if self.may_move(index) && self.nodes[index].is_far() {
+                self.reanchor(index, history, imu);
+                report.linearised += 1;
+                changed = true;
+            } else {
+                let node = &mut self.nodes[index];
+                let delta = node.delta;
+                if node.rows.refresh_weights(&delta, WEIGHT_TOLERANCE) {
+                    node.assemble_sensors();
+                    self.dirty = self.dirty.min(index);
+                    changed = true;
+                }
+            }
+        }
+        changed
+    }
+
+    /// Whether this state's linearisation point may follow its estimate.
+    fn may_move(&self, index: usize) -> bool {
+        if index > 0 || !self.prior_is_marginal || !self.config.fej {
+            return true;
+        }
+        let [position, velocity, attitude] = lengths(&self.nodes[0].delta);
+        attitude > PRIOR_ATTITUDE || position > PRIOR_POSITION || velocity > PRIOR_VELOCITY
+    }
+
+    fn reanchor(&mut self, index: usize, history: &ImuHistory, imu: &ImuModel) {
+        let t_next = self.nodes.get(index + 1).map(|next| next.t);
+        self.nodes[index].reintegrate(t_next, history, imu);
+        let step = self.nodes[index].reanchor();
+        if index == 0 {
+            self.carry_prior(&step);
+        }
+        let world = self.world;
+        self.nodes[index].linearise_sensors(&world);
+        self.linearise_interval(index);
+        if index > 0 {
+            self.linearise_interval(index - 1);
+        }
+        self.dirty = self.dirty.min(index);
+    }
+
+    /// Expresses the prior at the oldest state's new linearisation point: Λ ← MᵀΛM, η ← Mᵀ(η − Λ d) with
+    /// M = diag(I, I, J_r⁻¹(d_θ), I, I).
+    fn carry_prior(&mut self, step: &BlockVector<DIM>) {
+        let mut carry = Block::<DIM>::identity();
+        let turn = step.fixed_rows::<3>(ATTITUDE).into_owned();
+        carry.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE).copy_from(&so3::right_jacobian_inverse(&turn));
+        let Marginal { information, right } = &self.prior;
+        let moved = right - information * step;
+        self.prior =
+            Marginal { information: carry.transpose() * information * carry, right: carry.transpose() * moved };
+    }
+
+    /// Covariance of the newest keyframe. `None` before the first solve.
+    pub fn newest_covariance(&self) -> Option<Block<DIM>> {
+        let covariance = self.nodes.back()?.link.covariance();
+        covariance.iter().all(|x| x.is_finite()).then_some(covariance)
+    }
+
+    /// Half the weighted sum of squares at the present estimate, as far as the linear model tells.
+    pub fn cost(&self) -> f64 {
+        let measured: f64 = self.nodes.iter().map(|node| node.rows.cost(&node.delta)).sum();
+        let inertial: f64 =
+            self.nodes.iter().zip(self.nodes.iter().skip(1)).map(|(near, far)| interval_cost(near, far)).sum();
+        measured + inertial
+    }
+}
+
+/// ½‖r + J δ‖² of one interval from its normal equations.
+fn interval_cost(near: &Node, far: &Node) -> f64 {
+    let interval = &near.interval;
+    let quadratic = near.delta.dot(&(interval.near.0 * near.delta))
+        + far.delta.dot(&(interval.far.0 * far.delta))
+        + 2.0 * far.delta.dot(&(interval.coupling_transposed * near.delta));
+    let linear = interval.near.1.dot(&near.delta) + interval.far.1.dot(&far.delta);
+    (interval.cost + 0.5 * quadratic - linear).max(0.0)
+}

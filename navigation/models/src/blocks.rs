@@ -1,0 +1,141 @@
+//! Products of small matrices, written out for the code that runs at every IMU sample.
+//!
+//! The general product of the linear algebra library goes through slices and strides; these are loops of constant
+//! length over whole columns, which the compiler unrolls.
+
+use nalgebra::{Matrix3, SMatrix};
+
+/// `a·b`.
+#[inline(always)]
+pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
+    let (a, b) = (&a.data.0, &b.data.0);
+    let mut c = Matrix3::zeros();
+    for column in 0..3 {
+        for row in 0..3 {
+            c.data.0[column][row] = a[0][row] * b[column][0] + a[1][row] * b[column][1] + a[2][row] * b[column][2];
+        }
+    }
+    c
+}
+
+/// `a·bᵀ`.
+#[inline(always)]
+pub(crate) fn product_transposed(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
+    let (a, b) = (&a.data.0, &b.data.0);
+    let mut c = Matrix3::zeros();
+    for column in 0..3 {
+        for row in 0..3 {
+            c.data.0[column][row] = a[0][row] * b[0][column] + a[1][row] * b[1][column] + a[2][row] * b[2][column];
+        }
+    }
+    c
+}
+
+/// `rᵀ·C·r` of a symmetric C and three columns r.
+#[inline]
+pub(crate) fn sandwich<const N: usize>(r: &SMatrix<f64, N, 3>, c: &SMatrix<f64, N, N>) -> Matrix3<f64> {
+    let (r_columns, c_columns) = (&r.data.0, &c.data.0);
+    let mut result = Matrix3::zeros();
+    for right in 0..3 {
+        let mut product = [0.0; N];
+        for column in 0..N {
+            let factor = r_columns[right][column];
+            for row in 0..N {
+                product[row] += c_columns[column][row] * factor;
+            }
+        }
+        for left in 0..=right {
+            let sum: f64 = r_columns[left].iter().zip(&product).map(|(a, b)| a * b).sum();
+            result[(left, right)] = sum;
+            result[(right, left)] = sum;
+        }
+    }
+    result
+}
+
+/// L⁻¹ of `P = LLᵀ`, lower triangular; `None` unless P is positive definite. Reads the lower triangle of P alone.
+pub(crate) fn inverse_cholesky<const N: usize>(p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
+    // Columns below the diagonal; right-looking, so that the inner loops run down whole columns.
+    let mut l = p.data.0;
+    let mut inverse_diagonal = [0.0; N];
+    for column in 0..N {
+        let pivot = l[column][column];
+        // A pivot that is no number is not positive either.
+        if pivot.is_nan() || pivot <= 0.0 || pivot.is_infinite() {
+            return None;
+        }
+        let scale = 1.0 / pivot.sqrt();
+        inverse_diagonal[column] = scale;
+        for row in column..N {
+            l[column][row] *= scale;
+        }
+        for later in column + 1..N {
+            let factor = l[column][later];
+            for row in later..N {
+                l[later][row] -= l[column][row] * factor;
+            }
+        }
+    }
+    let mut inverse = [[0.0; N]; N];
+    for column in 0..N {
+        let mut x = [0.0; N];
+        x[column] = 1.0;
+        for row in column..N {
+            let factor = x[row] * inverse_diagonal[row];
+            x[row] = factor;
+            for below in row + 1..N {
+                x[below] -= l[row][below] * factor;
+            }
+        }
+        inverse[column] = x;
+    }
+    let inverse = SMatrix::<f64, N, N>::from_array_storage(nalgebra::ArrayStorage(inverse));
+    inverse.iter().all(|x| x.is_finite()).then_some(inverse)
+}
+
+/// `WᵀW` of a lower triangular W.
+pub(crate) fn gram_of_lower<const N: usize>(w: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    let columns = &w.data.0;
+    let mut gram = SMatrix::<f64, N, N>::zeros();
+    for right in 0..N {
+        for left in 0..=right {
+            let sum: f64 = columns[left][right..].iter().zip(&columns[right][right..]).map(|(a, b)| a * b).sum();
+            gram[(left, right)] = sum;
+            gram[(right, left)] = sum;
+        }
+    }
+    gram
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    #[test]
+    fn written_out_products_are_the_products() {
+        let a = Matrix3::from_fn(|row, column| ((row * 5 + column * 3) as f64).sin());
+        let b = Matrix3::from_fn(|row, column| ((row * 2 + column * 7) as f64).cos());
+        assert_relative_eq!(product(&a, &b), a * b, epsilon = 1e-15);
+        assert_relative_eq!(product_transposed(&a, &b), a * b.transpose(), epsilon = 1e-15);
+        let r = SMatrix::<f64, 5, 3>::from_fn(|row, column| ((row * 3 + column) as f64).sin());
+        let root = SMatrix::<f64, 5, 5>::from_fn(|row, column| ((row * 11 + column * 4) as f64).cos());
+        let c = root * root.transpose();
+        assert_relative_eq!(sandwich(&r, &c), r.transpose() * c * r, epsilon = 1e-14);
+    }
+
+    #[test]
+    fn an_inverse_root_whitens_and_an_indefinite_matrix_has_none() {
+        let root = SMatrix::<f64, 5, 5>::from_fn(|row, column| ((row * 11 + column * 4) as f64).cos());
+        let p = root * root.transpose() + SMatrix::identity();
+        let w = inverse_cholesky(&p).expect("positive definite");
+        assert_relative_eq!(w * p * w.transpose(), SMatrix::identity(), epsilon = 1e-13);
+        assert_eq!(w.upper_triangle(), SMatrix::<f64, 5, 5>::from_diagonal(&w.diagonal()));
+        assert_relative_eq!(gram_of_lower(&w) * p, SMatrix::identity(), epsilon = 1e-12);
+        let mut spoilt = p;
+        spoilt[(3, 3)] = -1.0;
+        assert_eq!(inverse_cholesky(&spoilt), None);
+        spoilt[(3, 3)] = f64::NAN;
+        assert_eq!(inverse_cholesky(&spoilt), None);
+    }
+}

@@ -1,0 +1,151 @@
+//! First position: a fix less its lever arm, else ranges of one epoch and the depth.
+//!
+//! Ranges to buoys at one height have two solutions, one the mirror of the other. Gauss-Newton starts on both sides, the
+//! better residual wins and, where they tie, the one under the buoys. The offset that an epoch shares is a fourth unknown with
+//! its prior, so that raw ranges (σ_d = 0), differences (σ_d = ∞, at least four buoys) and what lies between are one thing.
+
+use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use shared_types::Time;
+
+use super::{Initialiser, READING_AGE_MAX};
+use crate::world::WorldModel;
+
+/// A position that is worse than this tells nothing, m, 1-sigma of an axis.
+const WORST_SIGMA: f64 = 500.0;
+/// Vertical sigma where only the horizontal was reported, m.
+const UNKNOWN_HEIGHT_SIGMA: f64 = 20.0;
+/// Gauss-Newton ends here.
+const ITERATIONS: usize = 30;
+const CONVERGED: f64 = 1e-6;
+/// Sum of squares per surplus row beyond which ranges do not meet in a point: a wrong range, a wrong buoy.
+const WORST_COST: f64 = 25.0;
+
+/// One range of the newest epoch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Range {
+    pub(super) t: Time,
+    pub(super) range: f64,
+    pub(super) buoy_enu: Vector3<f64>,
+    pub(super) buoy_sigma: f64,
+}
+
+struct Fix {
+    position_enu: Vector3<f64>,
+    covariance: Matrix3<f64>,
+    cost: f64,
+}
+
+impl Initialiser {
+    pub(super) fn position_at(
+        &self,
+        t_keyframe: Time,
+        r_enu_body: &Matrix3<f64>,
+        world: &WorldModel,
+    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let initial = &self.config.vehicle.initial;
+        if let Some(position) = initial.position_enu {
+            return Some((Vector3::from(position), Matrix3::identity() * initial.sigma_position.powi(2)));
+        }
+        let is_near = |t: Time| (t - t_keyframe).abs() <= READING_AGE_MAX;
+        if let Some((_, antenna, sigma)) = self.heard.gnss.iter().rev().find(|(t, ..)| is_near(*t)) {
+            return Some(self.less_lever_arm(antenna, sigma, r_enu_body, world));
+        }
+        let fix = self.multilaterate(t_keyframe, r_enu_body, world)?;
+        Some((fix.position_enu, fix.covariance))
+    }
+
+    fn less_lever_arm(
+        &self,
+        antenna: &Vector3<f64>,
+        sigma: &Vector3<f64>,
+        r_enu_body: &Matrix3<f64>,
+        world: &WorldModel,
+    ) -> (Vector3<f64>, Matrix3<f64>) {
+        let lever_arm = Vector3::from(self.config.vehicle.gnss.lever_arm_body);
+        let axes = world.frame.local_axes_at(antenna);
+        let sigma = sigma.map(|s| if s.is_finite() { s } else { UNKNOWN_HEIGHT_SIGMA });
+        let covariance = axes * Matrix3::from_diagonal(&sigma.component_mul(&sigma)) * axes.transpose();
+        (antenna - r_enu_body * lever_arm, covariance)
+    }
+
+    fn multilaterate(&self, t_keyframe: Time, r_enu_body: &Matrix3<f64>, world: &WorldModel) -> Option<Fix> {
+        let ranges: Vec<Range> =
+            self.heard.ranges.iter().filter(|range| (range.t - t_keyframe).abs() <= READING_AGE_MAX).copied().collect();
+        let has_common_offset = self.config.navigator.lbl_common_offset_sigma > 0.0;
+        if ranges.len() < if has_common_offset { 4 } else { 3 } {
+            return None;
+        }
+        let middle = ranges.iter().map(|range| range.buoy_enu).sum::<Vector3<f64>>() / ranges.len() as f64;
+        let reach = ranges.iter().map(|range| range.range).fold(f64::INFINITY, f64::min);
+        let mut best: Option<Fix> = None;
+        // Below first: a tie keeps it.
+        for side in [-0.5, 0.5] {
+            let start = middle + Vector3::z() * (side * reach);
+            if let Some(fix) = self.solve(&ranges, &start, t_keyframe, r_enu_body, world)
+                && best.as_ref().is_none_or(|other| fix.cost < other.cost - 1e-6 * (1.0 + other.cost))
+            {
+                best = Some(fix);
+            }
+        }
+        best.filter(|fix| fix.covariance.diagonal().iter().all(|v| *v <= WORST_SIGMA * WORST_SIGMA))
+    }
+
+    /// Gauss-Newton for (position, common offset) from one start.
+    fn solve(
+        &self,
+        ranges: &[Range],
+        start: &Vector3<f64>,
+        t_keyframe: Time,
+        r_enu_body: &Matrix3<f64>,
+        world: &WorldModel,
+    ) -> Option<Fix> {
+        let vehicle = &self.config.vehicle;
+        let transducer = r_enu_body * Vector3::from(vehicle.lbl.lever_arm_body);
+        let port = r_enu_body * Vector3::from(vehicle.ps.lever_arm_body);
+        let nearest = self.heard.ps.iter().min_by_key(|(t, _)| (*t - t_keyframe).abs());
+        let depth = nearest.filter(|(t, _)| (*t - t_keyframe).abs() <= READING_AGE_MAX).map(|(_, depth)| *depth);
+        let offset_sigma = self.config.navigator.lbl_common_offset_sigma;
+        // Raw ranges: an offset held at zero, to a micrometre.
+        let offset_information = 1.0 / offset_sigma.max(1e-6).powi(2);
+
+        let (mut position, mut offset) = (*start, 0.0);
+        for _ in 0..ITERATIONS {
+            let mut normal = Matrix4::zeros();
+            let mut gradient = Vector4::zeros();
+            let mut cost = 0.0;
+            let mut add = |row: Vector4<f64>, residual: f64, information: f64| {
+                normal += row * row.transpose() * information;
+                gradient += row * (residual * information);
+                cost += residual * residual * information;
+            };
+            for range in ranges {
+                let from_buoy = position + transducer - range.buoy_enu;
+                let distance = from_buoy.norm().max(f64::MIN_POSITIVE);
+                let direction = from_buoy / distance;
+                // Residual predicted − measured, with the measured range long by the offset (r = h − z ~ d).
+                let variance = vehicle.lbl.sigma.powi(2) + range.buoy_sigma.powi(2);
+                add(direction.push(-1.0), distance - range.range - offset, 1.0 / variance);
+            }
+            add(Vector4::w(), offset, offset_information);
+            if let Some(depth) = depth {
+                let at = position + port;
+                let residual = vehicle.frame.surface_height - world.frame.height_at(&at) - depth;
+                add((-world.frame.up_at(&at)).push(0.0), residual, 1.0 / vehicle.ps.sigma.powi(2));
+            }
+            let covariance = normal.try_inverse()?;
+            let step = covariance * gradient;
+            if !step.iter().all(|x| x.is_finite()) {
+                return None;
+            }
+            position -= step.xyz();
+            offset -= step.w;
+            if step.norm() < CONVERGED {
+                let surplus = ranges.len() + usize::from(depth.is_some());
+                let surplus = surplus.saturating_sub(3).max(1) as f64;
+                let covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+                return (cost <= WORST_COST * surplus).then_some(Fix { position_enu: position, covariance, cost });
+            }
+        }
+        None
+    }
+}

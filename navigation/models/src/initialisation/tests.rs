@@ -1,0 +1,232 @@
+//! Still and moving starts, each part of the first state from its sensor.
+
+use approx::assert_relative_eq;
+use shared_types::KeyframeCause;
+
+use super::*;
+use crate::testing::{random, world};
+use crate::transport::transport as carry;
+use rand_distr::{Distribution, Normal};
+
+const PERIOD: i64 = 5_000_000;
+
+fn config() -> Config {
+    let mut config = Config::default();
+    config.vehicle.gnss.lever_arm_body = [0.4, -0.15, 0.25];
+    config
+}
+
+/// Roll, pitch, yaw of the vehicle under test.
+fn r_enu_body() -> Matrix3<f64> {
+    nalgebra::Rotation3::from_euler_angles(0.1, -0.2, 0.7).into_inner()
+}
+
+const HEADING: f64 = core::f64::consts::FRAC_PI_2 - 0.7;
+const GYRO_BIAS_TRUE: Vector3<f64> = Vector3::new(1e-4, -8e-5, 5e-5);
+
+fn at_rest() -> ImuPoint {
+    let world = world();
+    ImuPoint {
+        gyro_body: r_enu_body().tr_mul(&world.earth_rate_enu) + GYRO_BIAS_TRUE,
+        accel_body: -(r_enu_body().tr_mul(&world.gravity.at(&Vector3::zeros()))),
+    }
+}
+
+fn push_imu(initialiser: &mut Initialiser, seconds: f64, sample_at: impl Fn(f64) -> ImuPoint) {
+    for index in 0..=(seconds * 200.0) as i64 {
+        let t = Time(index * PERIOD);
+        let point = sample_at(t.as_seconds());
+        let reading = Reading::Imu { gyro_body: point.gyro_body.into(), accel_body: point.accel_body.into() };
+        initialiser.push(&Measurement::new(t, t, &reading));
+    }
+}
+
+fn push(initialiser: &mut Initialiser, t: f64, reading: &Reading) {
+    initialiser.push(&Measurement::new(Time::from_seconds(t), Time::from_seconds(t), reading));
+}
+
+fn fix_at(position: Vector3<f64>) -> Reading {
+    let antenna = position + r_enu_body() * Vector3::new(0.4, -0.15, 0.25);
+    Reading::Gnss { antenna_enu: antenna.into(), sigma_enu: [0.5, 0.5, 1.0] }
+}
+
+#[test]
+fn a_still_vehicle_is_levelled_turned_to_its_compass_and_put_at_its_fix() {
+    let mut initialiser = Initialiser::new(&config());
+    push_imu(&mut initialiser, 5.0, |_| at_rest());
+    push(&mut initialiser, 4.9, &Reading::Mcp { heading: HEADING });
+    let position = Vector3::new(12.0, -7.0, 0.3);
+    push(&mut initialiser, 4.8, &fix_at(position));
+    push(&mut initialiser, 5.0, &Reading::Keyframe { cause: KeyframeCause::Start });
+    let (state, covariance) = initialiser.first_state(Time::from_seconds(5.0), &world()).expect("all is there");
+    assert_relative_eq!(state.r_enu_body(), r_enu_body(), epsilon = 1e-5);
+    assert_relative_eq!(state.position_enu, position, epsilon = 1e-5);
+    assert_eq!(state.velocity_enu, Vector3::zeros());
+    assert_relative_eq!(state.gyro_bias, GYRO_BIAS_TRUE, epsilon = 1e-8);
+    assert!(covariance.cholesky().is_some(), "{covariance}");
+    assert_relative_eq!(covariance[(0, 0)].sqrt(), 0.5, max_relative = 1e-6);
+    assert_relative_eq!(covariance[(3, 3)].sqrt(), 0.02, max_relative = 1e-12);
+}
+
+#[test]
+fn levelling_correlates_tilt_with_the_accelerometer_bias_as_many_levellings_do() {
+    let config = config();
+    let bias_sigma = config.vehicle.imu.accel_bias_sigma;
+    let mut rng = random(41);
+    let draw = Normal::new(0.0, bias_sigma).expect("a sigma");
+    let mut sampled = Matrix3::<f64>::zeros();
+    let mut claimed = Matrix3::<f64>::zeros();
+    const RUNS: usize = 400;
+    for _ in 0..RUNS {
+        let bias = Vector3::from_fn(|_, _| draw.sample(&mut rng));
+        let mut initialiser = Initialiser::new(&config);
+        push_imu(&mut initialiser, 2.0, |_| ImuPoint { accel_body: at_rest().accel_body + bias, ..at_rest() });
+        push(&mut initialiser, 2.0, &Reading::Mcp { heading: HEADING });
+        push(&mut initialiser, 2.0, &fix_at(Vector3::zeros()));
+        let (state, covariance) = initialiser.first_state(Time::from_seconds(2.0), &world()).expect("all is there");
+        let truth = state.r_enu_body().transpose() * r_enu_body();
+        // Heading is given: the part about the up axis is none of levelling's.
+        let up = r_enu_body().row(2).transpose();
+        let tilt = so3::log(&truth);
+        let tilt = tilt - up * up.dot(&tilt);
+        sampled += tilt * bias.transpose() / RUNS as f64;
+        claimed = covariance.fixed_view::<3, 3>(ATTITUDE, ACCEL_BIAS).into_owned();
+    }
+    // Four sigmas of a product of two, each known to 1/√n.
+    let tolerance = 4.0 * bias_sigma * bias_sigma / 9.8 / (RUNS as f64).sqrt();
+    assert_relative_eq!(sampled, claimed, epsilon = tolerance);
+    assert!(claimed.amax() > 3.0 * tolerance);
+}
+
+#[test]
+fn nothing_is_told_before_two_seconds_of_samples_a_heading_and_a_position() {
+    let t = Time::from_seconds(3.0);
+    let tell = |seconds: f64, heading: bool, fix: bool| {
+        let mut initialiser = Initialiser::new(&config());
+        push_imu(&mut initialiser, seconds, |_| at_rest());
+        if heading {
+            push(&mut initialiser, seconds, &Reading::Mcp { heading: HEADING });
+        }
+        if fix {
+            push(&mut initialiser, seconds, &fix_at(Vector3::zeros()));
+        }
+        initialiser.first_state(Time::from_seconds(seconds), &world()).is_some()
+    };
+    assert!(tell(3.0, true, true));
+    assert!(!tell(1.5, true, true));
+    assert!(!tell(3.0, false, true));
+    assert!(!tell(3.0, true, false));
+    assert!(Initialiser::new(&config()).first_state(t, &world()).is_none());
+}
+
+#[test]
+fn a_given_state_is_carried_to_the_keyframe() {
+    let mut config = config();
+    config.vehicle.initial.t = Some(Time::from_seconds(1.0));
+    config.vehicle.initial.position_enu = Some([10.0, 20.0, -5.0]);
+    config.vehicle.initial.velocity_enu = Some([1.0, 0.5, 0.0]);
+    let q = nalgebra::UnitQuaternion::from_matrix(&r_enu_body());
+    config.vehicle.initial.q_enu_body = Some([q.w, q.i, q.j, q.k]);
+    let mut initialiser = Initialiser::new(&config);
+    push_imu(&mut initialiser, 3.0, |_| at_rest());
+    assert!(initialiser.first_state(Time::from_seconds(0.9), &world()).is_none());
+    let (given, prior) = initialiser.first_state(Time::from_seconds(1.0), &world()).expect("given");
+    assert_eq!(given.position_enu, Vector3::new(10.0, 20.0, -5.0));
+    assert_eq!((given.gyro_bias, given.accel_bias), (Vector3::zeros(), Vector3::zeros()));
+    // Half a sample beyond a sample.
+    let (later, covariance) = initialiser.first_state(Time(2_002_500_000), &world()).expect("carried");
+    let mut increment = Preintegration::new(Vector3::zeros(), Vector3::zeros());
+    for _ in 0..401 {
+        increment.step_mean(0.0025, &at_rest(), &at_rest());
+    }
+    let expected = carry(&given, &increment, &world());
+    assert_relative_eq!(later.position_enu, expected.position_enu, epsilon = 1e-6);
+    assert!(covariance[(0, 0)] > prior[(0, 0)] + 0.009, "{} from {}", covariance[(0, 0)], prior[(0, 0)]);
+    // Not beyond the samples.
+    assert!(initialiser.first_state(Time::from_seconds(9.0), &world()).is_none());
+}
+
+#[test]
+fn ranges_and_depth_tell_the_position_and_the_mirror_does_not_win() {
+    let truth = Vector3::new(80.0, -60.0, -40.0);
+    let buoys = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0], [200.0, 500.0, 0.0]].map(Vector3::from);
+    let tell = |offset_sigma: f64, offset: f64, with_depth: bool, count: usize| {
+        let mut config = config();
+        config.navigator.lbl_common_offset_sigma = offset_sigma;
+        let mut initialiser = Initialiser::new(&config);
+        push_imu(&mut initialiser, 3.0, |_| at_rest());
+        push(&mut initialiser, 3.0, &Reading::Mcp { heading: HEADING });
+        if with_depth {
+            push(&mut initialiser, 3.0, &Reading::Ps { depth: -world().frame.height_at(&truth) });
+        }
+        for (number, buoy) in buoys.iter().enumerate().take(count) {
+            let range = (truth - buoy).norm() - offset;
+            let reading =
+                Reading::Lbl { buoy: number as u32, epoch: 4, range, buoy_enu: (*buoy).into(), buoy_sigma: 0.0 };
+            push(&mut initialiser, 3.0, &reading);
+        }
+        initialiser.first_state(Time::from_seconds(3.0), &world())
+    };
+    let (state, covariance) = tell(0.0, 0.0, true, 4).expect("four ranges and a depth");
+    assert_relative_eq!(state.position_enu, truth, epsilon = 1e-4);
+    assert!(covariance[(0, 0)].sqrt() < 1.0 && covariance[(2, 2)].sqrt() < 0.02);
+    // Without depth both sides fit; the one in the water is taken.
+    let (state, _) = tell(0.0, 0.0, false, 3).expect("three ranges");
+    assert_relative_eq!(state.position_enu, truth, epsilon = 1e-2);
+    // Differences see no common offset; raw ranges that share one do not meet.
+    let (state, _) = tell(f64::INFINITY, 25.0, true, 4).expect("three differences and a depth");
+    assert_relative_eq!(state.position_enu, truth, epsilon = 1e-3);
+    assert!(tell(0.0, 25.0, true, 4).is_none());
+    assert!(tell(f64::INFINITY, 0.0, true, 3).is_none());
+    assert!(tell(0.0, 0.0, true, 2).is_none());
+}
+
+#[test]
+fn an_accelerating_vehicle_is_levelled_by_what_the_dvl_saw() {
+    // Straight ahead in the body with 0.3 m/s², tilted as ever.
+    let acceleration = Vector3::new(0.3, 0.0, 0.0);
+    let mut initialiser = Initialiser::new(&config());
+    push_imu(&mut initialiser, 4.0, |_| ImuPoint { accel_body: at_rest().accel_body + acceleration, ..at_rest() });
+    for tenth in 0..=40 {
+        let t = f64::from(tenth) * 0.1;
+        let velocity_dvl = (Vector3::x() * 0.5 + acceleration * t).into();
+        push(&mut initialiser, t, &Reading::Dvl { velocity_dvl });
+    }
+    push(&mut initialiser, 4.0, &Reading::Mcp { heading: HEADING });
+    push(&mut initialiser, 4.0, &fix_at(Vector3::zeros()));
+    let (state, covariance) = initialiser.first_state(Time::from_seconds(4.0), &world()).expect("all is there");
+    // Coriolis and the Earth's rate are below; without the DVL tilt would be off by 0.03 rad.
+    assert_relative_eq!(state.r_enu_body(), r_enu_body(), epsilon = 1e-3);
+    assert_relative_eq!(state.velocity_enu, r_enu_body() * Vector3::new(1.7, 0.0, 0.0), epsilon = 2e-3);
+    assert!(covariance[(6, 6)].sqrt() > 0.05, "tilt under way is 3 deg");
+    assert_eq!(state.gyro_bias, Vector3::zeros());
+}
+
+#[test]
+fn without_a_compass_a_track_gives_the_heading() {
+    let mut initialiser = Initialiser::new(&config());
+    let level = ImuPoint { gyro_body: Vector3::zeros(), accel_body: Vector3::new(0.0, 0.0, 9.8) };
+    push_imu(&mut initialiser, 5.0, |_| level);
+    // Five metres per second to the north-west.
+    for second in 0..=5 {
+        let way = 5.0 * f64::from(second) / 2.0_f64.sqrt();
+        let antenna_enu = [-way, way, 0.0];
+        push(&mut initialiser, f64::from(second), &Reading::Gnss { antenna_enu, sigma_enu: [0.5, 0.5, f64::INFINITY] });
+    }
+    let (state, covariance) = initialiser.first_state(Time::from_seconds(5.0), &world()).expect("a track");
+    let heading = crate::sensors::McpModel::predicted_heading(&state, &world());
+    assert_relative_eq!(heading, -core::f64::consts::FRAC_PI_4, epsilon = 1e-5);
+    assert_relative_eq!(covariance[(8, 8)].sqrt(), 0.175, epsilon = 0.01);
+    assert_relative_eq!(state.velocity_enu.xy().norm(), 5.0, epsilon = 1e-9);
+}
+
+#[test]
+fn a_turning_vehicle_is_not_taken_for_a_biased_gyroscope() {
+    let mut initialiser = Initialiser::new(&config());
+    let rate = Vector3::new(0.0, 0.0, 0.01);
+    push_imu(&mut initialiser, 3.0, |_| ImuPoint { gyro_body: at_rest().gyro_body + rate, ..at_rest() });
+    push(&mut initialiser, 3.0, &Reading::Mcp { heading: HEADING });
+    push(&mut initialiser, 3.0, &fix_at(Vector3::zeros()));
+    let (state, _) = initialiser.first_state(Time::from_seconds(3.0), &world()).expect("all is there");
+    assert_eq!(state.gyro_bias, Vector3::zeros());
+}

@@ -1,0 +1,181 @@
+//! Does this IMU sample count?
+//!
+//! A pure function of the sample and of those before it: the preprocessor (slow path) and the propagator (fast path)
+//! each hold one, see the same samples and therefore decide alike.
+
+use shared_types::{Duration, ImuGateConfig, ImuSample, RejectReason, Time};
+
+/// A stamp further ahead of its predecessor is believed only when the next sample confirms it. Without this, one wild
+/// stamp would turn every later sample into one that runs backwards. Longer than a restarted driver is silent.
+const LEAP: Duration = Duration(5_000_000_000);
+
+/// Stamps beyond (±285 years) are no data time, and differences of two must fit 64 bits.
+pub(crate) const T_MAX: Time = Time(4_500_000_000_000_000_000);
+
+/// Whether an instant can be data time at all.
+pub(crate) fn is_possible(t: Time) -> bool {
+    t <= T_MAX && t >= Time(-T_MAX.0)
+}
+
+/// The gate, with the last sample that it let through.
+#[derive(Clone, Debug)]
+pub struct ImuGate {
+    config: ImuGateConfig,
+    t_accepted: Option<Time>,
+    /// A sample that leapt ahead, until the next one confirms it.
+    t_leapt: Option<Time>,
+}
+
+/// What the gate says of one sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImuVerdict {
+    /// It counts.
+    Accept {
+        /// The step from the sample before, where it is longer than `imu.gap`.
+        gap: Option<Duration>,
+        /// The step is longer than `imu.long_gap`: a straight line over it says nothing.
+        long: bool,
+    },
+    /// It does not.
+    Reject(RejectReason),
+}
+
+impl ImuGate {
+    /// A gate that has seen nothing.
+    pub fn new(config: &ImuGateConfig) -> ImuGate {
+        ImuGate { config: *config, t_accepted: None, t_leapt: None }
+    }
+
+    /// Judges the next sample: finite, within what the instrument can measure, later than its predecessor. Of several
+    /// samples with one `t_valid` the first counts.
+    pub fn check(&mut self, sample: &ImuSample) -> ImuVerdict {
+        match self.judge(sample) {
+            Ok(step) => {
+                self.t_accepted = Some(Time(sample.header.t_valid));
+                self.t_leapt = None;
+                let gap = step.filter(|&step| step > self.config.gap);
+                ImuVerdict::Accept { gap, long: gap.is_some_and(|gap| gap > self.config.long_gap) }
+            }
+            Err(reason) => ImuVerdict::Reject(reason),
+        }
+    }
+
+    /// Data time of the newest sample that counted.
+    pub fn t_newest(&self) -> Option<Time> {
+        self.t_accepted
+    }
+
+    /// The step from the predecessor, or why the sample does not count.
+    fn judge(&mut self, sample: &ImuSample) -> Result<Option<Duration>, RejectReason> {
+        let t = Time(sample.header.t_valid);
+        if !sample.gyro_body.iter().chain(&sample.accel_body).all(|value| value.is_finite()) {
+            return Err(RejectReason::NotFinite);
+        }
+        let within = |values: &[f64; 3], limit: f64| values.iter().all(|value| value.abs() <= limit);
+        if !within(&sample.gyro_body, self.config.max_rate)
+            || !within(&sample.accel_body, self.config.max_accel)
+            || !is_possible(t)
+        {
+            return Err(RejectReason::OutOfRange);
+        }
+        let Some(t_before) = self.t_accepted else { return Ok(None) };
+        let step = t - t_before;
+        if step == Duration::ZERO {
+            return Err(RejectReason::Duplicate);
+        }
+        if step < Duration::ZERO {
+            return Err(RejectReason::BackwardsTime);
+        }
+        if step > LEAP {
+            let confirmed = self.t_leapt.is_some_and(|t_leapt| t > t_leapt && t - t_leapt <= LEAP);
+            if !confirmed {
+                self.t_leapt = Some(t);
+                return Err(RejectReason::OutOfRange);
+            }
+        }
+        Ok(Some(step))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::imu;
+    use shared_types::Navigator;
+
+    const PASSES: ImuVerdict = ImuVerdict::Accept { gap: None, long: false };
+
+    fn gate() -> ImuGate {
+        ImuGate::new(&Navigator::default().imu)
+    }
+
+    #[test]
+    fn samples_in_step_pass() {
+        let mut gate = gate();
+        for step in 0..100 {
+            assert_eq!(gate.check(&imu(f64::from(step) * 0.005)), PASSES);
+        }
+        assert_eq!(gate.t_newest(), Some(Time::from_seconds(0.495)));
+    }
+
+    #[test]
+    fn of_equal_times_the_first_counts() {
+        let mut gate = gate();
+        let mut other = imu(1.0);
+        other.gyro_body = [0.2; 3];
+        assert_eq!(gate.check(&imu(1.0)), PASSES);
+        assert_eq!(gate.check(&imu(1.0)), ImuVerdict::Reject(RejectReason::Duplicate));
+        assert_eq!(gate.check(&other), ImuVerdict::Reject(RejectReason::Duplicate));
+    }
+
+    #[test]
+    fn time_that_runs_backwards_is_refused_and_forgotten() {
+        let mut gate = gate();
+        assert_eq!(gate.check(&imu(1.0)), PASSES);
+        assert_eq!(gate.check(&imu(0.9)), ImuVerdict::Reject(RejectReason::BackwardsTime));
+        assert_eq!(gate.check(&imu(1.005)), PASSES);
+    }
+
+    #[test]
+    fn a_sample_that_is_no_number_or_beyond_full_scale_is_refused() {
+        let mut gate = gate();
+        let mut nan = imu(1.0);
+        nan.accel_body[2] = f64::NAN;
+        assert_eq!(gate.check(&nan), ImuVerdict::Reject(RejectReason::NotFinite));
+        let mut wild = imu(1.0);
+        wild.gyro_body[0] = -36.0;
+        assert_eq!(gate.check(&wild), ImuVerdict::Reject(RejectReason::OutOfRange));
+        let mut never = imu(1.0);
+        never.header.t_valid = i64::MAX;
+        assert_eq!(gate.check(&never), ImuVerdict::Reject(RejectReason::OutOfRange));
+        assert_eq!(gate.check(&imu(1.0)), PASSES, "the refused ones left no trace");
+    }
+
+    #[test]
+    fn gaps_are_measured_and_long_ones_flagged() {
+        let mut gate = gate();
+        gate.check(&imu(0.0));
+        assert_eq!(gate.check(&imu(0.02)), PASSES, "two periods of a 100 Hz instrument are no gap");
+        let gap = Some(Duration::from_seconds(0.1));
+        assert_eq!(gate.check(&imu(0.12)), ImuVerdict::Accept { gap, long: false });
+        let gap = Some(Duration::from_seconds(1.0));
+        assert_eq!(gate.check(&imu(1.12)), ImuVerdict::Accept { gap, long: true });
+    }
+
+    #[test]
+    fn one_wild_stamp_costs_one_sample_only() {
+        let mut gate = gate();
+        gate.check(&imu(1.0));
+        assert_eq!(gate.check(&imu(1.0e6)), ImuVerdict::Reject(RejectReason::OutOfRange));
+        assert_eq!(gate.check(&imu(1.005)), PASSES);
+    }
+
+    #[test]
+    fn a_long_silence_is_believed_at_its_second_sample() {
+        let mut gate = gate();
+        gate.check(&imu(1.0));
+        assert_eq!(gate.check(&imu(100.0)), ImuVerdict::Reject(RejectReason::OutOfRange));
+        let gap = Some(Duration::from_seconds(99.005));
+        assert_eq!(gate.check(&imu(100.005)), ImuVerdict::Accept { gap, long: true });
+    }
+}

@@ -1,0 +1,214 @@
+//! The owner of a prefix: locks it, wipes what a dead owner left, creates and holds every channel.
+
+use std::any::Any;
+use std::fs::{self, File, OpenOptions};
+use std::io::{Read, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::Path;
+
+use iceoryx2::prelude::*;
+use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
+use shared_types::{Channel, ChannelVisitor, Message, Overflow, Process, visit_channels};
+
+use crate::bells::Reader;
+use crate::bus::Bus;
+use crate::error::BusError;
+use crate::prefix::Prefix;
+use crate::settings::{NODES, service_name, stated_layout};
+
+/// Where the operating system shows shared memory objects.
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Senders that can ring one reader: every process of the set, twice over for restarts.
+const RINGERS: usize = 32;
+
+/// The one process that owns a prefix. Dropped or [closed](Owner::close), it leaves nothing behind; killed, the next owner
+/// wipes what it left. Drop every port that was made from [`Owner::bus`] before.
+#[derive(Debug)]
+pub struct Owner {
+    // Dropped in this order: the channels, the node that holds them, and last the lock.
+    channels: Vec<Box<dyn Any>>,
+    bus: Option<Bus>,
+    prefix: Prefix,
+    _lock: File,
+}
+
+impl Owner {
+    /// Takes a prefix: locks it, wipes its leftovers, creates every channel of the table and every bell.
+    ///
+    /// # Errors
+    /// [`BusError::InUse`] when somebody owns it, with his process number.
+    pub fn take(prefix: &Prefix) -> Result<Owner, BusError> {
+        let lock = lock(prefix)?;
+        wipe(prefix)?;
+        let bus = Bus::enter(prefix, Process::Supervisor, 0)?;
+        let mut creator = Creator { node: bus.node(), channels: Vec::new() };
+        visit_channels(&mut creator)?;
+        for reader in Reader::ALL {
+            creator.create_bell(reader)?;
+        }
+        let channels = creator.channels;
+        let ready = prefix.ready_file();
+        fs::write(&ready, []).map_err(BusError::io("write", ready))?;
+        Ok(Owner { channels, bus: Some(bus), prefix: prefix.clone(), _lock: lock })
+    }
+
+    /// The owner's own place on the bus, for its ports.
+    pub fn bus(&self) -> &Bus {
+        self.bus.as_ref().expect("only `drop` takes it")
+    }
+
+    /// Gives back what dead processes held; call it after a child's death and before its restart. Returns how many dead
+    /// processes were cleaned up after.
+    pub fn cleanup_dead_nodes(&self) -> u64 {
+        let state = self.bus().node().try_cleanup_dead_nodes();
+        if state.failed_cleanups > 0 {
+            tracing::warn!(failed = state.failed_cleanups, "could not clean up after a dead process");
+        }
+        state.cleanups
+    }
+
+    /// Removes everything of this prefix; the same as dropping it.
+    pub fn close(self) {}
+}
+
+impl Drop for Owner {
+    fn drop(&mut self) {
+        self.channels.clear();
+        self.bus = None;
+        // The lock is still held: nobody can have begun anew under this prefix.
+        if let Err(error) = wipe(&self.prefix).and_then(|()| remove_directory(&self.prefix)) {
+            tracing::warn!(%error, "the prefix was not removed whole");
+        }
+    }
+}
+
+struct Creator<'a> {
+    node: &'a Node<ipc::Service>,
+    channels: Vec<Box<dyn Any>>,
+}
+
+impl Creator<'_> {
+    fn create_bell(&mut self, reader: Reader) -> Result<(), BusError> {
+        let name = reader.bell();
+        let event = self
+            .node
+            .service_builder(&service_name(&name)?)
+            .event()
+            .max_nodes(NODES)
+            .max_notifiers(RINGERS)
+            .max_listeners(8)
+            .create()
+            .map_err(|error| BusError::layer("create event", &name, error))?;
+        self.channels.push(Box::new(event));
+        Ok(())
+    }
+}
+
+impl ChannelVisitor for Creator<'_> {
+    type Error = BusError;
+
+    fn visit<T: Message>(&mut self, channel: &Channel<T>) -> Result<(), BusError> {
+        let spec = &channel.spec;
+        let service = self
+            .node
+            .service_builder(&service_name(spec.name)?)
+            .publish_subscribe::<T>()
+            .enable_safe_overflow(spec.overflow == Overflow::DropOldest)
+            .subscriber_max_buffer_size(spec.queue)
+            .history_size(spec.history)
+            .subscriber_max_borrowed_samples(1)
+            .max_publishers(spec.publishers)
+            .max_subscribers(spec.subscribers)
+            .max_nodes(NODES)
+            .create_with_attributes(&stated_layout(channel)?)
+            .map_err(|error| BusError::layer("create channel", spec.name, error))?;
+        self.channels.push(Box::new(service));
+        Ok(())
+    }
+}
+
+/// Locks the prefix for this process and writes its number into the lock file.
+fn lock(prefix: &Prefix) -> Result<File, BusError> {
+    let path = prefix.lock_file();
+    loop {
+        make_directory(prefix)?;
+        let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+        let mut file = match opened {
+            // The former owner removed the directory in between.
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            other => other.map_err(BusError::io("open", &path))?,
+        };
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => {}
+            Err(Errno::WOULDBLOCK) => {
+                let mut pid = String::new();
+                // What cannot be read, the message calls unknown.
+                let _ = file.read_to_string(&mut pid);
+                let pid = if pid.trim().is_empty() { "unknown".to_owned() } else { pid.trim().to_owned() };
+                return Err(BusError::InUse { prefix: prefix.name().to_owned(), pid });
+            }
+            Err(error) => return Err(BusError::io("lock", &path)(error.into())),
+        }
+        // Locked, but is it still the file of that name? The former owner may have removed it.
+        let ours = file.metadata().map_err(BusError::io("look at", &path))?;
+        if !fs::metadata(&path).is_ok_and(|there| (there.dev(), there.ino()) == (ours.dev(), ours.ino())) {
+            continue;
+        }
+        file.set_len(0)
+            .and_then(|()| file.write_all(std::process::id().to_string().as_bytes()))
+            .map_err(BusError::io("write", &path))?;
+        return Ok(file);
+    }
+}
+
+fn make_directory(prefix: &Prefix) -> Result<(), BusError> {
+    let path = prefix.directory();
+    match fs::DirBuilder::new().mode(0o700).create(&path) {
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+            let found = fs::symlink_metadata(&path).map_err(BusError::io("look at", &path))?;
+            let ours = found.is_dir() && found.uid() == rustix::process::geteuid().as_raw();
+            if ours { Ok(()) } else { Err(BusError::NotOurs { path }) }
+        }
+        other => other.map_err(BusError::io("create", &path)),
+    }
+}
+
+/// Removes every shared memory object and file of the prefix but its lock. The lock must be held.
+fn wipe(prefix: &Prefix) -> Result<(), BusError> {
+    let objects = prefix.object_prefix();
+    remove_where(Path::new(SHARED_MEMORY), |name| name.starts_with(&objects))?;
+    let directory = prefix.directory();
+    let lock = prefix.lock_file();
+    remove_where(&directory, |name| directory.join(name) != lock)
+}
+
+fn remove_where(directory: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), BusError> {
+    for entry in fs::read_dir(directory).map_err(BusError::io("list", directory))? {
+        let entry = entry.map_err(BusError::io("list", directory))?;
+        if !entry.file_name().to_str().is_some_and(&wanted) {
+            continue;
+        }
+        let path = entry.path();
+        let is_directory = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        let removed = if is_directory { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        match removed {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(BusError::io("remove", path)(error));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn remove_directory(prefix: &Prefix) -> Result<(), BusError> {
+    let (lock, directory) = (prefix.lock_file(), prefix.directory());
+    fs::remove_file(&lock).map_err(BusError::io("remove", lock))?;
+    match fs::remove_dir(&directory) {
+        // Somebody is just taking the prefix and has made a new lock file there.
+        Err(error) if error.kind() == std::io::ErrorKind::DirectoryNotEmpty => Ok(()),
+        other => other.map_err(BusError::io("remove", directory)),
+    }
+}

@@ -1,0 +1,127 @@
+//! The story of this process: look at every channel ten times a second, fold, draw now and then.
+
+use std::io::ErrorKind;
+
+use ilns_bus::{Bus, Prefix};
+use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
+use rustix::event::{Timespec, poll};
+use shared_types::{Process, ProcessState, channel};
+use tracing::warn;
+
+use crate::error::MonitorError;
+use crate::model::Model;
+use crate::ports::Inputs;
+use crate::screen::{Screen, json, print};
+use crate::terminal;
+
+/// Between two looks at the channels, ns. The estimates' queue holds a second at ten times their usual rate.
+const LOOK: i64 = 100_000_000;
+
+/// How long `--once` listens, ns: two heartbeats of everybody, and a bit.
+const LISTEN: i64 = 1_300_000_000;
+
+/// Wide enough for every reason of refusal.
+const WIDE: usize = 160;
+
+/// How to show it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum View {
+    /// In place when standard output is a terminal, else one line per second.
+    #[default]
+    Auto,
+    /// In place, whatever standard output is.
+    Terminal,
+    /// One line per second.
+    Lines,
+    /// Nothing is shown.
+    None,
+}
+
+/// What the monitor is told.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub process: ProcessArgs,
+    /// How to show it: in place on a terminal, as one line per second, or not at all.
+    #[arg(long, value_enum, default_value_t = View::Auto, value_name = "VIEW")]
+    pub view: View,
+    /// Listen for a second, print what is known, and end.
+    #[arg(long)]
+    pub once: bool,
+    /// Print JSON objects, one a line: one per second, or a single one with --once.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the monitor until SIGTERM or SIGINT.
+///
+/// # Errors
+/// [`MonitorError`] when it cannot begin or nobody takes its output.
+pub fn run(args: &Args) -> Result<(), MonitorError> {
+    run_until(args, &args.process.begin()?)
+}
+
+/// Runs the monitor until `shutdown` is requested, or, with `--once`, for a second.
+///
+/// # Errors
+/// [`MonitorError`] when it cannot begin or nobody takes its output.
+pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
+    let prefix = Prefix::new(&args.process.prefix)?;
+    let bus = Bus::join(&prefix, Process::Monitor, args.process.epoch)?;
+    let mut inputs = Inputs::open(&bus)?;
+    let mut model = Model::new(prefix.name());
+    if args.once {
+        return look_once(args, shutdown, &mut inputs, &mut model);
+    }
+    let mut health = bus.publisher(&channel::HEALTH)?;
+    let mut heartbeat = HeartbeatBuilder::new(Process::Monitor, args.process.epoch);
+    heartbeat.state = ProcessState::Running;
+    let mut screen = Screen::open(args.view, args.json)?;
+
+    while !shutdown.requested() {
+        let begun = monotonic_now();
+        heartbeat.handled += inputs.drain(&mut model);
+        model.settle(begun);
+        if screen.is_due(begun)
+            && let Err(error) = screen.show(&model.snapshot(), begun)
+        {
+            screen.give_up();
+            if args.process.supervisor.is_none() {
+                return if error.kind() == ErrorKind::BrokenPipe { Ok(()) } else { Err(error.into()) };
+            }
+            warn!(%error, "standard output takes nothing more; the monitor goes on without a view");
+        }
+        heartbeat.work.record(monotonic_now() - begun);
+        if let Some(beat) = heartbeat.beat(begun) {
+            health.publish(beat);
+        }
+        rest();
+    }
+    screen.close(&model.snapshot());
+    heartbeat.state = ProcessState::Stopping;
+    health.publish(heartbeat.build());
+    Ok(())
+}
+
+/// Sleeps until the next look or a signal. One wake-up a look: this process need not end sooner than that.
+fn rest() {
+    // Interrupted or not, the next look is due.
+    let _ = poll(&mut [], Some(&Timespec { tv_sec: 0, tv_nsec: LOOK }));
+}
+
+/// A guest's look: it says nothing on the bus.
+fn look_once(args: &Args, shutdown: &Shutdown, inputs: &mut Inputs, model: &mut Model) -> Result<(), MonitorError> {
+    let end = monotonic_now() + LISTEN;
+    while monotonic_now() < end && !shutdown.requested() {
+        rest();
+        inputs.drain(model);
+        model.settle(monotonic_now());
+    }
+    let snapshot = model.snapshot();
+    let text = if args.json { json(&snapshot)? } else { terminal::render(&snapshot, WIDE, usize::MAX, false) };
+    match print(&text) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        printed => Ok(printed?),
+    }
+}

@@ -1,0 +1,99 @@
+//! Since when has the IMU been silent, and is it time to say so again?
+//!
+//! Data time goes on from the last sample at the rate of the start triple. The limit holds on both clocks: a slowed-down
+//! replay is not silent between two of its samples, and in a fast one a process that was not scheduled for 5 ms is not blind.
+
+use shared_types::{Duration, Time};
+
+/// Four periods of a 200 Hz instrument.
+const LIMIT: i64 = 20_000_000;
+
+/// Between two estimates without IMU, monotonic ns: enough to act upon, and an idle set uses no CPU.
+const PERIOD: i64 = 50_000_000;
+
+/// The last sample, and when to speak next.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Silence {
+    rate: f64,
+    last: Option<Heard>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Heard {
+    t: Time,
+    mono: i64,
+    next_word: i64,
+}
+
+impl Silence {
+    /// `rate`: seconds of data time per second.
+    pub(crate) fn new(rate: f64) -> Silence {
+        Silence { rate, last: None }
+    }
+
+    /// A sample that counts, of data time `t`, was heard at the monotonic time `mono`.
+    pub(crate) fn heard(&mut self, t: Time, mono: i64) {
+        let limit = LIMIT.max((LIMIT as f64 / self.rate) as i64);
+        self.last = Some(Heard { t, mono, next_word: mono + limit });
+    }
+
+    /// Data time now, where something has to be said without the IMU at the monotonic time `mono`.
+    pub(crate) fn due(&mut self, mono: i64) -> Option<Time> {
+        let last = self.last.as_mut()?;
+        if mono < last.next_word {
+            return None;
+        }
+        last.next_word = mono + PERIOD;
+        Some(last.t + Duration(((mono - last.mono) as f64 * self.rate) as i64))
+    }
+
+    /// How long to sleep at most from the monotonic time `mono` on, so as not to be late, ns.
+    pub(crate) fn patience(&self, mono: i64) -> i64 {
+        self.last.map_or(PERIOD, |last| (last.next_word - mono).clamp(1_000_000, PERIOD))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: i64 = 1_000_000;
+
+    #[test]
+    fn an_imu_that_never_spoke_is_not_silent() {
+        assert_eq!(Silence::new(1.0).due(i64::MAX), None);
+    }
+
+    #[test]
+    fn silence_is_declared_after_four_periods_and_then_twenty_times_a_second() {
+        let mut silence = Silence::new(1.0);
+        silence.heard(Time(7 * MS), 100 * MS);
+        assert_eq!(silence.due(119 * MS), None);
+        assert_eq!(silence.due(120 * MS), Some(Time(27 * MS)));
+        assert_eq!(silence.due(169 * MS), None);
+        assert_eq!(silence.due(170 * MS), Some(Time(77 * MS)));
+        silence.heard(Time(80 * MS), 171 * MS);
+        assert_eq!(silence.due(190 * MS), None);
+    }
+
+    #[test]
+    fn a_slow_replay_is_not_silent_and_a_fast_one_is_given_the_same_patience() {
+        let mut slow = Silence::new(0.1);
+        slow.heard(Time(0), 0);
+        assert_eq!(slow.due(199 * MS), None);
+        assert_eq!(slow.due(200 * MS), Some(Time(20 * MS)));
+        let mut fast = Silence::new(10.0);
+        fast.heard(Time(0), 0);
+        assert_eq!(fast.due(19 * MS), None);
+        assert_eq!(fast.due(20 * MS), Some(Time(200 * MS)));
+    }
+
+    #[test]
+    fn sleep_ends_in_time_for_the_next_word() {
+        let mut silence = Silence::new(1.0);
+        assert_eq!(silence.patience(0), PERIOD);
+        silence.heard(Time(0), 0);
+        assert_eq!(silence.patience(5 * MS), 15 * MS);
+        assert_eq!(silence.patience(25 * MS), MS, "late already, but never a spinning loop");
+    }
+}

@@ -1,0 +1,160 @@
+//! The command line of `ilns replay`, and the configuration that it asks for.
+
+use std::fs;
+use std::path::PathBuf;
+
+use clap::Args;
+use shared_types::{Config, ConfigText, Duration};
+
+use crate::error::ReplayError;
+
+/// Replays a log directory through the whole navigator, as fast as the processor allows.
+///
+/// Writes estimate.csv, estimate.tum and summary.json into OUT; with a truth.csv in the log, the summary holds the score.
+#[derive(Args, Clone, Debug)]
+pub struct ReplayArgs {
+    /// The log: a folder with imu.csv, further sensors, and optionally sensors.toml and truth.csv.
+    #[arg(value_name = "DIR")]
+    pub dir: PathBuf,
+    /// Folder for the results; made where there is none, results of an earlier run in it are replaced.
+    #[arg(long, value_name = "OUT", required_unless_present = "print_config")]
+    pub out: Option<PathBuf>,
+    /// Estimator: fgo.
+    #[arg(long, value_name = "NAME")]
+    pub estimator: Option<String>,
+    /// Keyframe intervals in the sliding window, 2 to 500.
+    #[arg(long, value_name = "N")]
+    pub window: Option<usize>,
+    /// Corrections reach the published estimate so much data time later, as they do live. Milliseconds.
+    #[arg(long, value_name = "MS", value_parser = parse_latency)]
+    pub solve_latency: Option<Duration>,
+    /// Choices of the navigator (TOML), laid over the log's sensors.toml.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Sets one configuration key; may be repeated, the last one wins. `--print-config` lists the keys.
+    #[arg(long = "set", value_name = "section.key=value")]
+    pub sets: Vec<String>,
+    /// Leaves out the acoustic ranges.
+    #[arg(long)]
+    pub no_lbl: bool,
+    /// Leaves out the satellite fixes.
+    #[arg(long)]
+    pub no_gnss: bool,
+    /// Leaves out the Doppler velocities.
+    #[arg(long)]
+    pub no_dvl: bool,
+    /// Leaves out the compass.
+    #[arg(long)]
+    pub no_mcp: bool,
+    /// Leaves out the depths.
+    #[arg(long)]
+    pub no_ps: bool,
+    /// Prints the whole effective configuration as TOML and stops.
+    #[arg(long)]
+    pub print_config: bool,
+    /// Takes each correction at the estimate at which a live run took it: the estimate.csv of that run.
+    #[arg(long, value_name = "FILE", conflicts_with = "solve_latency")]
+    pub follow: Option<PathBuf>,
+}
+
+/// `40` or `40ms`.
+fn parse_latency(text: &str) -> Result<Duration, String> {
+    let number = text.strip_suffix("ms").unwrap_or(text).trim();
+    match number.parse::<f64>() {
+        // A minute is beyond any use and far below what nanoseconds hold.
+        Ok(ms) if (0.0..=60_000.0).contains(&ms) => Ok(Duration::from_seconds(ms * 1e-3)),
+        _ => Err("expected milliseconds from 0 to 60000, such as 40".to_owned()),
+    }
+}
+
+impl ReplayArgs {
+    /// The effective configuration: `sensors.toml` of the log, `--config`, the flags, `--set`; later ones win.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a key or value that is refused.
+    pub fn load_config(&self, log_config: Option<&ConfigText>) -> Result<Config, ReplayError> {
+        let mut files: Vec<ConfigText> = log_config.cloned().into_iter().collect();
+        if let Some(file) = &self.config {
+            let text = fs::read_to_string(file).map_err(|source| ReplayError::Io {
+                file: file.clone(),
+                action: "read",
+                source,
+            })?;
+            files.push(ConfigText { file: file.clone(), text });
+        }
+        Ok(Config::load(&files, &self.all_sets())?)
+    }
+
+    /// Every flag that stands for a configuration key, as `section.key=value`, then those given as such.
+    fn all_sets(&self) -> Vec<String> {
+        let mut sets = Vec::new();
+        sets.extend(self.estimator.iter().map(|name| format!("estimator={name}")));
+        sets.extend(self.window.iter().map(|window| format!("fgo.window={window}")));
+        let left_out = [
+            ("lbl", self.no_lbl),
+            ("gnss", self.no_gnss),
+            ("dvl", self.no_dvl),
+            ("mcp", self.no_mcp),
+            ("ps", self.no_ps),
+        ];
+        sets.extend(left_out.iter().filter(|(_, out)| *out).map(|(sensor, _)| format!("{sensor}.enabled=false")));
+        sets.extend(self.sets.iter().cloned());
+        sets
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use shared_types::Sensor;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: ReplayArgs,
+    }
+
+    fn parse(line: &str) -> Result<ReplayArgs, clap::Error> {
+        Command::try_parse_from(["replay"].into_iter().chain(line.split_whitespace())).map(|command| command.args)
+    }
+
+    #[test]
+    fn flags_reach_the_configuration_and_set_has_the_last_word() {
+        let args = parse("log --out out --window 30 --no-dvl --no-mcp --set mcp.enabled=true").expect("valid");
+        let sensors =
+            ConfigText { file: "sensors.toml".into(), text: "[fgo]\nwindow = 7\n[lbl]\nsigma = 0.5\n".into() };
+        let config = args.load_config(Some(&sensors)).expect("valid");
+        assert_eq!((config.navigator.fgo.window, config.vehicle.lbl.sigma), (30, 0.5));
+        assert!(!config.navigator.is_enabled(Sensor::Dvl) && config.navigator.is_enabled(Sensor::Mcp));
+    }
+
+    #[test]
+    fn an_output_folder_is_asked_for_unless_only_the_configuration_is() {
+        assert!(parse("log").is_err());
+        assert!(parse("log --print-config").is_ok());
+    }
+
+    #[test]
+    fn a_latency_is_milliseconds() {
+        let latency = |text: &str| parse(&format!("log --out out --solve-latency {text}")).map(|a| a.solve_latency);
+        assert_eq!(latency("40").expect("valid"), Some(Duration(40_000_000)));
+        assert_eq!(latency("40ms").expect("valid"), Some(Duration(40_000_000)));
+        assert!(latency("soon").is_err() && latency("nan").is_err());
+    }
+
+    #[test]
+    fn a_refused_value_names_its_key() {
+        let error = parse("log --out out --window 1").expect("clap does not know").load_config(None);
+        let message = error.expect_err("a window of one").to_string();
+        assert!(message.contains("fgo.window"), "{message}");
+    }
+
+    #[test]
+    fn a_missing_configuration_file_is_named() {
+        let args = parse("log --out out --config nowhere.toml").expect("valid");
+        let message = args.load_config(None).expect_err("it is missing").to_string();
+        assert_eq!(message, "nowhere.toml: cannot read");
+    }
+}

@@ -1,0 +1,57 @@
+//! What can stop a replay, a score or a picture.
+
+use std::io;
+use std::path::PathBuf;
+
+use ilns_recording::LogError;
+use shared_types::ConfigError;
+
+/// Each is one line that names the mend.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The log or the estimates.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// `sensors.toml`, `--config` or `--set`.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// Nothing says where the ENU frame of the estimates lies.
+    #[error("{}: the origin of its frame is not known: no `summary.json` beside it and no `[frame] origin` in a `sensors.toml` beside the truth (give `--origin LAT,LON,H`)", estimate.display())]
+    NoOrigin {
+        /// The estimates.
+        estimate: PathBuf,
+    },
+    /// Truth and estimates that never meet.
+    #[error("{} and {} have no time in common within the limits given (are they of one run, on one clock?)", estimate.display(), truth.display())]
+    NoCommonTime {
+        /// The estimates.
+        estimate: PathBuf,
+        /// The truth.
+        truth: PathBuf,
+    },
+    /// An estimate file without rows, of which there is no picture.
+    #[error("{}: no row follows the header; there is nothing to draw", file.display())]
+    NoEstimates {
+        /// Which file.
+        file: PathBuf,
+    },
+    /// An estimate file that does not say which solution each row stands on.
+    #[error("{}: its rows do not name the solutions that they stand on; only an estimate.csv written by this program can be followed", file.display())]
+    NotFollowable {
+        /// Which file.
+        file: PathBuf,
+    },
+    /// A file that a command line names cannot be read or written.
+    #[error("{}: cannot {action}", file.display())]
+    Io {
+        /// Which file.
+        file: PathBuf,
+        /// `read` or `write`.
+        action: &'static str,
+        /// Why.
+        source: io::Error,
+    },
+    /// Standard output is closed.
+    #[error("cannot write the result")]
+    Print(#[source] io::Error),
+}

@@ -1,0 +1,122 @@
+//! `ilns replay`: a log directory through the whole navigator in one thread.
+//!
+//! The work is `nav-pipeline`'s, in line and without a clock; here files come in, files go out, and a clock looks at the
+//! solves. The same log gives the same bytes.
+
+use std::collections::VecDeque;
+use std::io::Write;
+use std::time::Instant;
+
+use hdrhistogram::Histogram;
+use ilns_recording::{LogDirectory, Summary, read_estimates};
+use nav_pipeline::{Navigator, Output, Rebase, SolveClock};
+use rustix::time::{ClockId, clock_gettime};
+use shared_types::{Config, Duration, SENSORS, SensorCounts};
+
+use crate::args::ReplayArgs;
+use crate::error::ReplayError;
+use crate::output::{ReplayOutput, RunFacts};
+
+/// Longest solve told apart from longer ones, ns.
+const LONGEST_SOLVE: u64 = 60_000_000_000;
+
+/// Runs `ilns replay`.
+///
+/// # Errors
+/// A log, a configuration or an output folder that cannot be used, in one line.
+pub fn run(args: &ReplayArgs) -> Result<(), ReplayError> {
+    let started = Instant::now();
+    let log = LogDirectory::open(&args.dir)?;
+    let config = args.load_config(log.config())?;
+    let Some(out) = args.out.as_ref().filter(|_| !args.print_config) else {
+        return std::io::stdout().write_all(config.to_toml().as_bytes()).map_err(ReplayError::Print);
+    };
+    log.check_buoys()?;
+    let output = ReplayOutput::create(out, &log, started)?;
+    replay(&log, &config, rebase(args)?, output)?;
+    Ok(())
+}
+
+/// When corrections reach the published estimate.
+fn rebase(args: &ReplayArgs) -> Result<Rebase, ReplayError> {
+    let Some(file) = &args.follow else {
+        return Ok(Rebase::After(args.solve_latency.unwrap_or(Duration::ZERO)));
+    };
+    let mut schedule = VecDeque::new();
+    for row in read_estimates(file)? {
+        let row = row?;
+        let Some(solution) = row.solution else {
+            return Err(ReplayError::NotFollowable { file: file.clone() });
+        };
+        if schedule.back().is_none_or(|&(_, last)| last != solution) {
+            schedule.push_back((row.t, solution));
+        }
+    }
+    Ok(Rebase::AsRecorded(schedule))
+}
+
+/// Drives the navigator over a log.
+fn replay(
+    log: &LogDirectory,
+    config: &Config,
+    rebase: Rebase,
+    mut output: ReplayOutput,
+) -> Result<Summary, ReplayError> {
+    let merged = log.merged()?;
+    let mut navigator = Navigator::new(config, rebase);
+    // Live, a buoy is where its fixes so far say; a recording repeats that, any other log is interpolated.
+    if !merged.is_recording() {
+        navigator = navigator.with_known_buoys(log.buoy_fixes()?);
+    }
+    let mut facts = RunFacts {
+        estimator: config.navigator.estimator.name(),
+        window: config.navigator.fgo.window,
+        keyframes: 0,
+        iterations: 0,
+        solve_ns: Histogram::new_with_bounds(1, LONGEST_SOLVE, 3)
+            .expect("1 < LONGEST_SOLVE / 2 and 3 digits are in bounds"),
+        received: [0; 7],
+        counts: [SensorCounts::default(); 7],
+    };
+    let mut clock = ThreadClock;
+    let mut failed = Ok(());
+    let mut sink = |event: Output<'_>| match event {
+        Output::Origin(origin) => output.set_origin([origin.lat_deg, origin.lon_deg, origin.height]),
+        Output::Estimate(estimate) => {
+            if failed.is_ok() {
+                failed = output.estimate(estimate);
+            }
+        }
+        Output::Solution(solution, _) => {
+            facts.keyframes += 1;
+            facts.iterations += u64::from(solution.iterations);
+            if solution.keyframes as usize > config.navigator.fgo.window {
+                facts.solve_ns.saturating_record(solution.solve_ns);
+            }
+        }
+    };
+    for reading in merged {
+        navigator.push(&reading?, &mut clock, &mut sink);
+    }
+    navigator.finish(&mut clock, &mut sink);
+    failed?;
+    for sensor in SENSORS {
+        let index = sensor.index();
+        facts.received[index] = navigator.health()[index].received;
+        facts.counts[index].used = navigator.counts()[index].used;
+        for (reason, count) in navigator.rejected(index) {
+            facts.counts[index].rejected[reason.index()] = count;
+        }
+    }
+    output.finish(&facts)
+}
+
+/// CPU time of this thread.
+struct ThreadClock;
+
+impl SolveClock for ThreadClock {
+    fn thread_ns(&mut self) -> u64 {
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    }
+}

@@ -1,0 +1,45 @@
+//! How every command ends.
+
+use std::error::Error;
+use std::process::ExitCode;
+
+/// Exit code of everything that went wrong.
+pub const FAILURE: u8 = 2;
+
+/// The error and its causes on one line. A cause that its effect has already told is not told twice.
+pub fn one_line(error: &dyn Error) -> String {
+    let mut line = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let text = error.to_string();
+        if !line.ends_with(&text) {
+            line = format!("{line}: {text}");
+        }
+        cause = error.source();
+    }
+    line.replace('\n', " ")
+}
+
+/// Exit code of the command `name`; a failure is first told on standard error, in one line.
+pub fn exit_with(name: &str, result: Result<(), impl Into<Box<dyn Error>>>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("ilns {name}: {}", one_line(&*error.into()));
+            ExitCode::from(FAILURE)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::RuntimeError;
+
+    #[test]
+    fn the_whole_chain_of_causes_stands_on_one_line() {
+        let source = std::io::Error::new(std::io::ErrorKind::NotFound, "no such\nfile");
+        let error = RuntimeError::ConfigFile { path: "a.toml".into(), source };
+        assert_eq!(one_line(&error), "cannot read the configuration a.toml (--config FILE names it): no such file");
+    }
+}

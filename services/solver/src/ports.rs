@@ -1,0 +1,39 @@
+//! The channels of this process.
+
+use ilns_bus::{Bus, BusError, Publisher, Subscriber};
+use shared_types::{FrameOrigin, Heartbeat, KeyframeReport, Measurement, Solution, channel};
+
+/// What it listens to.
+pub(crate) struct Inputs {
+    pub(crate) measurements: Subscriber<Measurement>,
+    pub(crate) frame_origin: Subscriber<FrameOrigin>,
+    /// Its own channel: what the solver before this one said last.
+    pub(crate) solution: Subscriber<Solution>,
+}
+
+/// What it says.
+pub(crate) struct Outputs {
+    pub(crate) solution: Publisher<Solution>,
+    pub(crate) diagnostics: Publisher<KeyframeReport>,
+    pub(crate) health: Publisher<Heartbeat>,
+}
+
+impl Inputs {
+    pub(crate) fn open(bus: &Bus) -> Result<Inputs, BusError> {
+        Ok(Inputs {
+            measurements: bus.subscriber(&channel::MEASUREMENTS)?,
+            frame_origin: bus.subscriber(&channel::FRAME_ORIGIN)?,
+            solution: bus.subscriber(&channel::SOLUTION)?,
+        })
+    }
+}
+
+impl Outputs {
+    pub(crate) fn open(bus: &Bus) -> Result<Outputs, BusError> {
+        Ok(Outputs {
+            solution: bus.publisher(&channel::SOLUTION)?,
+            diagnostics: bus.publisher(&channel::DIAGNOSTICS)?,
+            health: bus.publisher(&channel::HEALTH)?,
+        })
+    }
+}

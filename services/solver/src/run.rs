@@ -1,0 +1,161 @@
+//! The story of this process: wait for a keyframe's bracket, solve as hard as the queue allows, publish, say how it goes.
+
+use std::collections::VecDeque;
+
+use ilns_bus::{Bus, Prefix, Reader};
+use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
+use nav_pipeline::{ChosenEstimator, Effort, Estimator, EstimatorError};
+use rustix::time::{ClockId, clock_gettime};
+use shared_types::{Measurement, Process, ProcessState, SENSORS};
+use tracing::{debug, info, warn};
+
+use crate::error::SolverError;
+use crate::ports::{Inputs, Outputs};
+
+/// Keyframes that may wait behind the one at hand before it is only taken in, and solved with a later one.
+const HOLD_BEHIND: usize = 3;
+
+/// What the solver is told.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub process: ProcessArgs,
+}
+
+/// Runs the solver until SIGTERM or SIGINT.
+///
+/// # Errors
+/// [`SolverError`] when it cannot begin.
+pub fn run(args: &Args) -> Result<(), SolverError> {
+    run_until(args, &args.process.begin()?)
+}
+
+/// Runs the solver until `shutdown` is requested.
+///
+/// # Errors
+/// [`SolverError`] when it cannot begin.
+pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
+    let config = args.process.load_config()?;
+    let prefix = Prefix::new(&args.process.prefix)?;
+    let bus = Bus::join(&prefix, Process::Solver, args.process.epoch)?;
+    let mut inputs = Inputs::open(&bus)?;
+    let mut outputs = Outputs::open(&bus)?;
+    let waiter = bus.waiter(Reader::Solver)?;
+    let mut estimator = ChosenEstimator::new(&config);
+    take_up(&mut estimator, &mut inputs);
+    let mut heartbeat = HeartbeatBuilder::new(Process::Solver, args.process.epoch);
+    heartbeat.state = ProcessState::Running;
+    let mut waiting = VecDeque::with_capacity(inputs_capacity());
+    let mono_start = monotonic_now();
+
+    while !shutdown.requested() {
+        waiter.wait();
+        if let Some(origin) = inputs.frame_origin.newest() {
+            estimator.set_origin(&origin);
+        }
+        // Everything that has come, so that the number of keyframes in it says how far behind this process is.
+        while let Some(measurement) = inputs.measurements.receive() {
+            if measurement.header.t_published >= mono_start {
+                heartbeat.received(&measurement.header);
+            }
+            waiting.push_back(measurement);
+        }
+        let mut keyframes = waiting.iter().filter(|measurement| measurement.kind == Measurement::KEYFRAME).count();
+        while let Some(measurement) = waiting.pop_front() {
+            let effort = if measurement.kind == Measurement::KEYFRAME {
+                keyframes -= 1;
+                effort_with(keyframes)
+            } else {
+                Effort::Full
+            };
+            ingest(&mut estimator, &measurement, effort, &mut outputs, &mut heartbeat);
+        }
+        // A restarted propagator gets the latched solution without waiting for the next one.
+        outputs.solution.update();
+        beat(&estimator, &inputs, &mut outputs, &mut heartbeat);
+    }
+    heartbeat.state = ProcessState::Stopping;
+    outputs.health.publish(heartbeat.build());
+    Ok(())
+}
+
+fn inputs_capacity() -> usize {
+    shared_types::channel::MEASUREMENTS.spec.queue
+}
+
+/// As hard as the keyframes behind this one allow: load costs freshness of corrections, never an estimate.
+fn effort_with(behind: usize) -> Effort {
+    match behind {
+        0 => Effort::Full,
+        1..HOLD_BEHIND => Effort::Reduced,
+        _ => Effort::Hold,
+    }
+}
+
+/// A restarted solver begins from the last solution, which the channel still holds.
+fn take_up(estimator: &mut ChosenEstimator, inputs: &mut Inputs) {
+    let Some(solution) = inputs.solution.newest() else { return };
+    if estimator.resume(&solution) {
+        info!(solution = solution.id, t_keyframe = %shared_types::Time(solution.t_keyframe), "taking up from the last solution");
+    } else {
+        warn!(solution = solution.id, "the last solution holds no valid state; initialising anew");
+    }
+}
+
+fn ingest(
+    estimator: &mut ChosenEstimator,
+    measurement: &Measurement,
+    effort: Effort,
+    outputs: &mut Outputs,
+    heartbeat: &mut HeartbeatBuilder,
+) {
+    let began = thread_cpu_ns();
+    match estimator.ingest(measurement, effort) {
+        Ok(Some(mut solution)) => {
+            solution.solve_ns = (thread_cpu_ns() - began) as u64;
+            heartbeat.work.record(solution.solve_ns as i64);
+            solution.header.origin_t_arrival = measurement.header.t_arrival;
+            debug!(
+                solution = solution.id,
+                t = %measurement.t_keyframe(),
+                solve_us = solution.solve_ns / 1000,
+                iterations = solution.iterations,
+                effort = ?effort,
+                "solved"
+            );
+            outputs.solution.publish(solution);
+            outputs.diagnostics.publish(*estimator.report());
+        }
+        Ok(None) => {}
+        // After a restart the channel's history repeats what the solution already covers: no news.
+        Err(error @ EstimatorError::Unsolvable { .. }) => {
+            warn!(t = %measurement.t_keyframe(), %error, "keyframe without a solution");
+        }
+        Err(error) => debug!(t = %measurement.t_valid(), %error, "measurement refused"),
+    }
+}
+
+/// CPU time of this thread, ns.
+fn thread_cpu_ns() -> i64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec * 1_000_000_000 + time.tv_nsec
+}
+
+fn beat(estimator: &ChosenEstimator, inputs: &Inputs, outputs: &mut Outputs, heartbeat: &mut HeartbeatBuilder) {
+    let now = monotonic_now();
+    if now < heartbeat.next_beat() {
+        return;
+    }
+    for sensor in SENSORS {
+        let health = &mut heartbeat.sensors[sensor.index()];
+        let counts = &estimator.counts()[sensor.index()];
+        health.received = counts.used + counts.rejected_total();
+        health.rejected = counts.rejected;
+    }
+    heartbeat.sensors[0].lost = inputs.measurements.lost();
+    heartbeat.dropped = outputs.solution.dropped();
+    if let Some(beat) = heartbeat.beat(now) {
+        outputs.health.publish(beat);
+    }
+}

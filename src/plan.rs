@@ -1,0 +1,102 @@
+//! Which processes make a set, in the order in which they are started, and what each is told.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::PathBuf;
+
+use ilns_bus::Prefix;
+use ilns_runtime::StartClock;
+use shared_types::{Config, Process};
+use sim_emulators::process::{EMULATORS, is_fitted};
+use sim_emulators::source::{Source, SourceArgs};
+
+use crate::child::ChildPlan;
+use crate::processes::can_run;
+
+/// Those who listen are there before those who speak; the set is stopped in the reverse order.
+const LISTENERS: [Process; 5] =
+    [Process::Recorder, Process::Monitor, Process::Propagator, Process::Solver, Process::Preprocessor];
+
+/// A run as it was asked for.
+#[derive(Debug)]
+pub struct Wishes<'a> {
+    /// What is emulated.
+    pub source: &'a SourceArgs,
+    /// Seconds of data time.
+    pub duration: Option<f64>,
+    /// Where a recording goes, if one is wanted.
+    pub out: Option<PathBuf>,
+    /// Nothing is shown.
+    pub headless: bool,
+}
+
+/// The processes of a run, in the order of their start.
+pub fn children(wishes: &Wishes, source: &Source) -> Vec<ChildPlan> {
+    let emulators = EMULATORS.into_iter().filter(|&emulator| is_fitted(source, emulator));
+    LISTENERS
+        .into_iter()
+        .filter(|&process| match process {
+            Process::Recorder => wishes.out.is_some(),
+            Process::Monitor => !wishes.headless,
+            _ => true,
+        })
+        .chain(emulators)
+        .filter(|&process| can_run(process))
+        .map(|process| ChildPlan {
+            process,
+            arguments: arguments(process, wishes),
+            owns_terminal: process == Process::Monitor,
+        })
+        .collect()
+}
+
+/// What one process is told beyond what all are told.
+fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
+    let mut arguments: Vec<OsString> = Vec::new();
+    let mut push = |key: &str, value: OsString| arguments.extend([OsString::from(key), value]);
+    if process == Process::Recorder
+        && let Some(out) = &wishes.out
+    {
+        push("--out", out.into());
+    }
+    if EMULATORS.contains(&process) {
+        match &wishes.source.log {
+            Some(log) => push("--log", log.into()),
+            None => {
+                push("--scenario", wishes.source.scenario.clone().into());
+                push("--seed", wishes.source.seed.to_string().into());
+                push("--preset", wishes.source.preset_name().into());
+            }
+        }
+        if let Some(duration) = wishes.duration {
+            push("--duration", duration.to_string().into());
+        }
+    }
+    arguments
+}
+
+/// What every process of the run is told: the set, the whole effective configuration as a file in the directory of the run,
+/// and the start.
+pub fn common_arguments(
+    prefix: &Prefix,
+    config: &Config,
+    clock: &StartClock,
+    log_level: &str,
+) -> std::io::Result<Vec<OsString>> {
+    let directory = prefix.run_directory();
+    fs::create_dir_all(&directory)?;
+    let file = directory.join("effective.toml");
+    fs::write(&file, config.to_toml())?;
+    Ok(vec![
+        "--prefix".into(),
+        prefix.name().into(),
+        "--config".into(),
+        file.into(),
+        "--start".into(),
+        clock.to_string().into(),
+        "--supervisor".into(),
+        std::process::id().to_string().into(),
+        "--log-level".into(),
+        log_level.into(),
+    ])
+}

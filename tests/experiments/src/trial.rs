@@ -1,0 +1,184 @@
+//! One simulated mission through the navigator, scored; no file in between.
+
+use nav_evaluation::{EstimatePoint, Pair, Score, Scorer, Window};
+use nav_geometry::Geodetic;
+use nav_pipeline::{Navigator, Output, Rebase, SolveClock};
+use rustix::time::{ClockId, clock_gettime};
+use shared_types::{Config, ConfigError, ConfigText, Duration, Mode, RawReading, Time};
+use sim_world::{Preset, Scenario, ScenarioError, World};
+
+/// What to run.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// Built-in scenario.
+    pub scenario: &'static str,
+    /// Sensor errors.
+    pub preset: Preset,
+    /// Of the world.
+    pub seed: u64,
+    /// `section.key=value`.
+    pub sets: Vec<String>,
+    /// Seconds of data time to run; `None`: to the end.
+    pub until: Option<f64>,
+}
+
+/// What came of it.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Over the whole run after the start.
+    pub score: Score,
+    /// Largest share of the horizontal 3-sigma bound that the error reached, and when, s.
+    pub worst_sigmas: (f64, f64),
+    /// Error (E, N, U) and sigma at the instants asked for.
+    pub at: Vec<(f64, [f64; 3], [f64; 3])>,
+    /// Keyframes.
+    pub keyframes: u64,
+    /// CPU time per keyframe, µs, sorted.
+    pub solve_us: Vec<f64>,
+    /// Passes per keyframe, mean.
+    pub iterations: f64,
+    /// States linearised anew per keyframe, mean.
+    pub linearised: f64,
+    /// CPU time of the whole, s.
+    pub cpu_s: f64,
+    /// Data time, s.
+    pub duration_s: f64,
+    /// First instant from which the horizontal error stays below 0.1 m, s.
+    pub settled_at: Option<f64>,
+    /// Refusals per sensor name and reason.
+    pub rejected: Vec<(&'static str, &'static str, u64)>,
+}
+
+/// A trial that cannot be run.
+#[derive(Debug, thiserror::Error)]
+pub enum TrialError {
+    /// The scenario.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// No estimate met the truth.
+    #[error("scenario {scenario}, seed {seed}: no estimate was published")]
+    NoEstimate {
+        /// Which.
+        scenario: &'static str,
+        /// Which.
+        seed: u64,
+    },
+}
+
+struct ThreadClock;
+
+impl SolveClock for ThreadClock {
+    fn thread_ns(&mut self) -> u64 {
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    }
+}
+
+/// Truth rows per second.
+const TRUTH_RATE: f64 = 10.0;
+
+impl Trial {
+    /// Runs it. `instants`: seconds at which error and sigma are wanted.
+    ///
+    /// # Errors
+    /// [`TrialError`].
+    pub fn run(&self, instants: &[f64]) -> Result<Outcome, TrialError> {
+        let scenario = Scenario::builtin(self.scenario)?;
+        let world = World::new(&scenario, self.preset, self.seed)?;
+        let facts = ConfigText::new("sensors.toml", world.sensors_toml());
+        let config = Config::load(&[facts], &self.sets)?;
+        let [lat_deg, lon_deg, height] = scenario.origin_deg;
+        let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
+        let mut tally = Tally { at: instants.iter().map(|&t| (t, [0.0; 3], [0.0; 3])).collect(), ..Tally::default() };
+        let mut navigator = Navigator::new(&config, Rebase::After(Duration::ZERO));
+        let mut clock = ThreadClock;
+        let t_end = self.until.map_or(Time::MAX, Time::from_seconds);
+        let began = clock.thread_ns();
+        let mut truth = world.truth_rows(TRUTH_RATE).peekable();
+        for reading in world.readings() {
+            if reading.t_valid() > t_end {
+                break;
+            }
+            if let RawReading::Imu(sample) = &reading {
+                while let Some(row) = truth.next_if(|row| row.header.t_valid <= sample.header.t_valid) {
+                    scorer.truth(&row);
+                }
+            }
+            navigator.push(&reading, &mut clock, &mut |output| match output {
+                Output::Estimate(estimate) if estimate.mode() != Mode::Initialising => {
+                    scorer.estimate_with(&EstimatePoint::from(estimate), |pair| tally.pair(pair));
+                }
+                Output::Solution(solution, _) => {
+                    tally.solve_us.push(solution.solve_ns as f64 * 1e-3);
+                    tally.iterations += f64::from(solution.iterations);
+                    tally.linearised += f64::from(solution.linearised);
+                }
+                Output::Estimate(_) | Output::Origin(_) => {}
+            });
+        }
+        let cpu_s = (clock.thread_ns() - began) as f64 * 1e-9;
+        let score = scorer.score().ok_or(TrialError::NoEstimate { scenario: self.scenario, seed: self.seed })?;
+        let mut rejected = Vec::new();
+        for sensor in shared_types::SENSORS {
+            for (reason, count) in navigator.rejected(sensor.index()).filter(|(_, count)| *count > 0) {
+                rejected.push((sensor.name(), reason.name(), count));
+            }
+        }
+        Ok(tally.outcome(score, cpu_s, rejected))
+    }
+}
+
+#[derive(Default)]
+struct Tally {
+    at: Vec<(f64, [f64; 3], [f64; 3])>,
+    worst_sigmas: (f64, f64),
+    settled_at: Option<f64>,
+    solve_us: Vec<f64>,
+    iterations: f64,
+    linearised: f64,
+}
+
+impl Tally {
+    fn pair(&mut self, pair: &Pair) {
+        let t = pair.estimate.t.as_seconds();
+        let (error, sigma) = (pair.position_error_enu, pair.estimate.sigma_position_enu);
+        for axis in 0..2 {
+            let sigmas = (error[axis] / sigma[axis]).abs();
+            if sigmas > self.worst_sigmas.0 {
+                self.worst_sigmas = (sigmas, t);
+            }
+        }
+        for (instant, at_error, at_sigma) in &mut self.at {
+            if (*instant - t).abs() < 0.5 / TRUTH_RATE {
+                (*at_error, *at_sigma) = (error.into(), sigma.into());
+            }
+        }
+        if error.xy().norm() > 0.1 {
+            self.settled_at = None;
+        } else if self.settled_at.is_none() {
+            self.settled_at = Some(t);
+        }
+    }
+
+    fn outcome(mut self, score: Score, cpu_s: f64, rejected: Vec<(&'static str, &'static str, u64)>) -> Outcome {
+        let keyframes = self.solve_us.len() as u64;
+        let per_keyframe = 1.0 / (keyframes.max(1) as f64);
+        self.solve_us.sort_by(f64::total_cmp);
+        Outcome {
+            worst_sigmas: self.worst_sigmas,
+            at: self.at,
+            keyframes,
+            iterations: self.iterations * per_keyframe,
+            linearised: self.linearised * per_keyframe,
+            solve_us: self.solve_us,
+            cpu_s,
+            duration_s: score.duration_s,
+            settled_at: self.settled_at,
+            rejected,
+            score,
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! The set from outside: the real executable, its processes, what they say and what they leave behind.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde_json::Value;
+
+const ILNS: &str = env!("CARGO_BIN_EXE_ilns");
+
+/// From the request to stop to its end.
+const STOP_LIMIT: Duration = Duration::from_secs(2);
+
+/// Generous: a machine under load starts slowly.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A set under a prefix that no other test has; whatever happens, it is stopped and its leftovers are removed.
+struct Set {
+    prefix: String,
+    child: Child,
+}
+
+impl Set {
+    fn start(test: &str, arguments: &[&str]) -> Set {
+        let prefix = format!("s{}-{test}", std::process::id());
+        let (command, rest) = arguments.split_first().expect("a subcommand");
+        let child = Command::new(ILNS)
+            .args([*command, "--prefix", prefix.as_str()])
+            .args(rest)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the executable was built");
+        Set { prefix, child }
+    }
+
+    fn signal(&self, signal: Signal) {
+        kill(self.child.id(), signal);
+    }
+
+    /// Waits for its end: exit code, standard error, how long it took.
+    fn end(&mut self, limit: Duration) -> (Option<i32>, String) {
+        let begun = Instant::now();
+        let status = loop {
+            if let Some(status) = self.child.try_wait().expect("our own child") {
+                break status;
+            }
+            assert!(begun.elapsed() < limit, "it did not end within {limit:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let mut errors = String::new();
+        let mut pipe = self.child.stderr.take().expect("piped");
+        std::io::Read::read_to_string(&mut pipe, &mut errors).expect("text");
+        (status.code(), errors)
+    }
+
+    /// `ilns status --json` of this set, once it satisfies `wanted`.
+    fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let output = ilns(&["status", "--json", "--prefix", &self.prefix]);
+            let status: Option<Value> = serde_json::from_slice(&output.stdout).ok();
+            match status {
+                Some(status) if wanted(&status) => return status,
+                last => assert!(Instant::now() < deadline, "{what}: not within {PATIENCE:?}; last: {last:?}"),
+            }
+        }
+    }
+}
+
+impl Drop for Set {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        for path in leftovers(&self.prefix) {
+            let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+        }
+    }
+}
+
+fn ilns(arguments: &[&str]) -> Output {
+    Command::new(ILNS).args(arguments).output().expect("the executable was built")
+}
+
+fn kill(pid: u32, signal: Signal) {
+    let pid = Pid::from_raw(pid as i32).expect("a process number");
+    kill_process(pid, signal).expect("it lives");
+}
+
+fn lives(pid: u32) -> bool {
+    test_kill_process(Pid::from_raw(pid as i32).expect("a process number")).is_ok()
+}
+
+/// Everything on this machine that bears the name of the set.
+fn leftovers(prefix: &str) -> Vec<PathBuf> {
+    let of = |directory: &Path| {
+        let entries = std::fs::read_dir(directory).expect("readable");
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+        let bears_it = |path: &PathBuf| path.to_string_lossy().contains(&format!("ilns-{prefix}"));
+        paths.filter(bears_it).collect::<Vec<PathBuf>>()
+    };
+    [of(Path::new("/dev/shm")), of(Path::new("/tmp"))].concat()
+}
+
+fn assert_nothing_left(prefix: &str) {
+    assert_eq!(leftovers(prefix), Vec::<PathBuf>::new());
+}
+
+fn process<'a>(status: &'a Value, name: &str) -> &'a Value {
+    let processes = status["processes"].as_array().expect("a list");
+    processes.iter().find(|process| process["name"] == name).unwrap_or(&Value::Null)
+}
+
+fn rate(status: &Value, channel: &str) -> f64 {
+    let channels = status["channels"].as_array().expect("a list");
+    let found = channels.iter().find(|row| row["name"] == channel).expect("in the table");
+    found["rate"].as_f64().expect("a number")
+}
+
+fn flows(status: &Value) -> bool {
+    rate(status, "sensor/imu") > 100.0 && process(status, "emulator-imu")["state"] == "running"
+}
+
+const MISSION: [&str; 2] = ["run", "--headless"];
+
+#[test]
+fn a_run_ends_with_its_duration_and_leaves_nothing_behind() {
+    let mut set = Set::start("ends", &["run", "--headless", "--duration", "2", "--log-level", "info"]);
+    let (code, errors) = set.end(PATIENCE);
+    assert_eq!(code, Some(0), "{errors}");
+    // Two seconds at 200 Hz, both ends included.
+    assert!(errors.contains("sent=401"), "{errors}");
+    assert_nothing_left(&set.prefix);
+}
+
+#[test]
+fn a_prefix_in_use_is_refused_in_one_line_that_names_its_owner() {
+    let set = Set::start("taken", &MISSION);
+    set.status_when("readings flow", flows);
+    let output = ilns(&["run", "--headless", "--prefix", &set.prefix]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{errors}");
+    assert_eq!(errors.lines().count(), 1, "{errors}");
+    assert!(errors.contains(&set.child.id().to_string()) && errors.contains("--prefix NAME"), "{errors}");
+    set.status_when("the first set goes on", flows);
+}
+
+#[test]
+fn a_request_that_cannot_be_met_is_one_line_and_code_2() {
+    let cases: [(&[&str], &str); 7] = [
+        (&["run", "--scenario", "misson"], "misson"),
+        (&["run", "--log", "/no/such/log"], "/no/such/log"),
+        (&["run", "--set", "fgo.windw=9"], "fgo.window"),
+        (&["run", "--window", "1"], "fgo.window"),
+        (&["run", "--prefix", "a/b"], "a/b"),
+        (&["run", "--out", "/tmp"], "not an empty directory"),
+        (&["status", "--prefix", "nobody-is-here"], "nobody-is-here"),
+    ];
+    for (arguments, named) in cases {
+        let output = ilns(arguments);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
+        assert_eq!(errors.lines().count(), 1, "{arguments:?}: {errors}");
+        assert!(errors.starts_with(&format!("ilns {}: ", arguments[0])) && errors.contains(named), "{errors}");
+    }
+}
+
+#[test]
+fn two_sets_run_side_by_side() {
+    let (one, other) = (Set::start("side", &MISSION), Set::start("side-b", &MISSION));
+    let pid_one = process(&one.status_when("readings flow", flows), "emulator-imu")["pid"].clone();
+    let pid_other = process(&other.status_when("readings flow", flows), "emulator-imu")["pid"].clone();
+    assert_ne!(pid_one, pid_other);
+    drop(other);
+    let status = one.status_when("the one outlives the other", flows);
+    assert!(rate(&status, "sensor/imu") < 300.0, "only its own readings: {status}");
+}
+
+#[test]
+fn a_killed_process_is_restarted_and_its_readings_flow_again() {
+    let mut set = Set::start("killed", &MISSION);
+    let status = set.status_when("readings flow", flows);
+    let pid = process(&status, "emulator-imu")["pid"].as_u64().expect("a number") as u32;
+    kill(pid, Signal::KILL);
+    let status =
+        set.status_when("it is back", |status| flows(status) && process(status, "emulator-imu")["restarts"] == 1);
+    assert_ne!(process(&status, "emulator-imu")["pid"], pid);
+    assert_eq!(process(&status, "emulator-ps")["restarts"], 0);
+    set.signal(Signal::TERM);
+    assert_eq!(set.end(STOP_LIMIT).0, Some(0));
+    assert_nothing_left(&set.prefix);
+}
+
+#[test]
+fn a_process_that_cannot_begin_is_given_up_and_the_run_says_so() {
+    // The recorder cannot make its folder there, and says so at every start.
+    let mut set = Set::start("hopeless", &["run", "--headless", "--duration", "5", "--out", "/proc/no-folder"]);
+    let (code, errors) = set.end(PATIENCE);
+    assert_eq!(code, Some(2), "{errors}");
+    let last = errors.lines().last().expect("it says so");
+    assert!(last.starts_with("ilns run: recorder "), "{errors}");
+    assert_nothing_left(&set.prefix);
+}
+
+#[test]
+fn stopping_takes_less_than_two_seconds_even_with_a_process_that_does_not_listen() {
+    let mut set = Set::start("stop", &MISSION);
+    let status = set.status_when("readings flow", flows);
+    let deaf = process(&status, "emulator-dvl")["pid"].as_u64().expect("a number") as u32;
+    kill(deaf, Signal::STOP);
+    set.signal(Signal::INT);
+    assert_eq!(set.end(STOP_LIMIT).0, Some(0));
+    assert!(!lives(deaf));
+    assert_nothing_left(&set.prefix);
+}
+
+#[test]
+fn a_killed_supervisor_takes_its_processes_along_and_the_next_begins_afresh() {
+    let mut set = Set::start("orphans", &MISSION);
+    let status = set.status_when("readings flow", flows);
+    let pids: Vec<u32> = status["processes"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .map(|process| process["pid"].as_u64().expect("a number") as u32)
+        .collect();
+    set.signal(Signal::KILL);
+    set.child.wait().expect("killed");
+    let deadline = Instant::now() + PATIENCE;
+    while pids.iter().any(|&pid| lives(pid)) {
+        assert!(Instant::now() < deadline, "some of {pids:?} outlive their supervisor");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let mut next = Set::start("orphans", &MISSION);
+    next.status_when("readings flow", flows);
+    next.signal(Signal::TERM);
+    assert_eq!(next.end(STOP_LIMIT).0, Some(0));
+    assert_nothing_left(&next.prefix);
+}
+
+#[test]
+fn channels_can_be_held_for_processes_that_something_else_starts() {
+    let mut bus = Set::start("held", &["bus"]);
+    bus.status_when("the bus is up", |status| process(status, "supervisor")["state"] == "running");
+    let prefix = bus.prefix.clone();
+    let imu = Command::new(ILNS)
+        .args(["emulator", "imu", "--prefix", &prefix])
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the executable was built");
+    let mut imu = Set { prefix: format!("{prefix}-none"), child: imu };
+    bus.status_when("readings flow", flows);
+    imu.signal(Signal::TERM);
+    imu.child.wait().expect("told to stop");
+    bus.signal(Signal::TERM);
+    assert_eq!(bus.end(STOP_LIMIT).0, Some(0));
+    assert_nothing_left(&prefix);
+}
