@@ -34,12 +34,16 @@ pub enum SolutionStatus {
     NotConverged = 1,
     /// The step was damped or the matrix was mended; the state is the last good one moved by the IMU.
     Damped = 2,
+    /// The ranges agreed with each other against the state: the last inertial increment was loosened to let them in.
+    Loosened = 3,
 }
 
 impl SolutionStatus {
     /// The status of that number, as it crosses the bus.
     pub fn from_index(index: u32) -> Option<SolutionStatus> {
-        [SolutionStatus::Converged, SolutionStatus::NotConverged, SolutionStatus::Damped].get(index as usize).copied()
+        [SolutionStatus::Converged, SolutionStatus::NotConverged, SolutionStatus::Damped, SolutionStatus::Loosened]
+            .get(index as usize)
+            .copied()
     }
 }
 

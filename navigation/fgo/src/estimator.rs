@@ -24,6 +24,7 @@ use shared_types::{
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::{Block, add_product_transposed};
+use crate::recovery::{SUSPICIOUS_EPOCHS, loosening};
 use crate::rows::DIM;
 use crate::ties::{Closing, Pending, Ties};
 use crate::window::{SolveReport, Window};
@@ -161,7 +162,7 @@ impl FgoEstimator {
         self.history.forget_before(t);
         self.open_interval();
         self.report = empty_report();
-        Ok(Some(self.solution(t, SolveReport { converged: true, ..SolveReport::default() })))
+        Ok(Some(self.solution(t, SolveReport { converged: true, ..SolveReport::default() }, false)))
     }
 
     fn keyframe(&mut self, t: Time, effort: Effort) -> Result<Option<Solution>, EstimatorError> {
@@ -188,8 +189,19 @@ impl FgoEstimator {
         window.make_room();
         let before = window.nodes()[window.nodes().len() - 1].state;
         let predicted = transport(&before, &whole, window.world());
-        let covariance = predict_covariance(&self.newest_covariance, &before, &whole, window.world());
-        if !predicted.is_finite() || window.append(t, &predicted, whole).is_err() {
+        let height_sigma = self.newest_covariance[(2, 2)].max(0.0).sqrt();
+        let loosened = match self.ties.epochs_refused() {
+            (count, Some(since)) if count >= SUSPICIOUS_EPOCHS => {
+                loosening(&self.pending, t, &predicted, height_sigma, t - since, &self.config)
+            }
+            _ => None,
+        };
+        let mut increment = whole;
+        if let Some(loosening) = &loosened {
+            loosening.apply(&mut increment);
+        }
+        let covariance = predict_covariance(&self.newest_covariance, &before, &increment, window.world());
+        if !predicted.is_finite() || window.append(t, &predicted, whole, loosened).is_err() {
             return Err(EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" });
         }
 
@@ -220,11 +232,11 @@ impl FgoEstimator {
         if effort == Effort::Hold {
             return Ok(None);
         }
-        Ok(Some(self.solution(t, solve)))
+        Ok(Some(self.solution(t, solve, loosened.is_some())))
     }
 
     /// The newest keyframe as a message; also completes the report.
-    fn solution(&mut self, t: Time, solve: SolveReport) -> Solution {
+    fn solution(&mut self, t: Time, solve: SolveReport, loosened: bool) -> Solution {
         self.solutions += 1;
         let mut solution = Solution {
             header: Header::at(t),
@@ -243,10 +255,11 @@ impl FgoEstimator {
             keyframes: 0,
             iterations: solve.passes,
             linearised: solve.linearised,
-            status: match (solve.damped, solve.converged) {
-                (true, _) => SolutionStatus::Damped,
-                (false, false) => SolutionStatus::NotConverged,
-                (false, true) => SolutionStatus::Converged,
+            status: match (solve.damped, loosened, solve.converged) {
+                (true, _, _) => SolutionStatus::Damped,
+                (false, true, _) => SolutionStatus::Loosened,
+                (false, false, false) => SolutionStatus::NotConverged,
+                (false, false, true) => SolutionStatus::Converged,
             } as u32,
             solve_ns: 0,
         };

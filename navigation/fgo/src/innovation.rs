@@ -4,7 +4,7 @@
 //! S = J̃ C J̃ᵀ + I. After an outage C has grown, and S with it: a gate on Λ alone would refuse a returning sensor for ever.
 
 use nalgebra::{Cholesky, SMatrix, SVector};
-use shared_types::{Kernel, Sensor};
+use shared_types::{Kernel, Sensor, Time};
 
 use crate::kernels::{Block, BlockVector};
 use crate::robust::{gate_threshold, weight};
@@ -13,7 +13,7 @@ use crate::rows::{DIM, Row};
 /// A range longer than predicted by more sigmas than this is multipath; one shorter may be a little further off (§3.3).
 const RANGE_TOO_LONG: f64 = 4.0;
 const RANGE_TOO_SHORT: f64 = 5.0;
-/// After so many refusals in a row while the state is known better than the sensor measures, the next one is admitted.
+/// After so many refusals in a row the sensor is admitted, by its kernel only, until a measurement passes.
 const REFUSALS_IN_A_ROW: u32 = 5;
 
 /// A measurement against its prediction.
@@ -77,21 +77,32 @@ impl Innovation {
     }
 }
 
-/// Refusals in a row of one sensor.
+/// Refusals in a row of one sensor, ranges by whole epochs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Refusals {
     in_a_row: u32,
+    first: Option<Time>,
 }
 
 impl Refusals {
-    /// A measurement (or a whole epoch) was refused although the state is known well, or passed.
-    pub fn observe(&mut self, passed: bool) {
-        self.in_a_row = if passed { 0 } else { self.in_a_row.saturating_add(1) };
+    /// A measurement (or an epoch) at `t` was refused as a whole, or passed.
+    pub fn observe(&mut self, t: Time, passed: bool) {
+        if passed {
+            *self = Refusals::default();
+        } else {
+            self.in_a_row = self.in_a_row.saturating_add(1);
+            self.first.get_or_insert(t);
+        }
     }
 
     /// Whether the sensor has been refused for so long that the state may be what is wrong.
     pub fn admits_next(&self) -> bool {
         self.in_a_row >= REFUSALS_IN_A_ROW
+    }
+
+    /// How many, and since when.
+    pub fn run(&self) -> (u32, Option<Time>) {
+        (self.in_a_row, self.first)
     }
 }
 
@@ -127,10 +138,10 @@ mod tests {
         let mut refusals = Refusals::default();
         for _ in 0..5 {
             assert!(!refusals.admits_next());
-            refusals.observe(false);
+            refusals.observe(Time(0), false);
         }
         assert!(refusals.admits_next());
-        refusals.observe(true);
+        refusals.observe(Time(0), true);
         assert!(!refusals.admits_next());
     }
 }

@@ -10,6 +10,7 @@
 //! | `factor.rs` | what does one measurement say, whitened? |
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `innovation.rs`, `robust.rs` | how probable is it, how much does it count? |
+//! | `recovery.rs` | is it the state that is wrong, not the sensors? |
 //! | `chain.rs`, `kernels.rs` | the block-tridiagonal solve |
 
 pub mod chain;
@@ -19,6 +20,7 @@ mod innovation;
 mod interval;
 pub mod kernels;
 mod node;
+mod recovery;
 mod robust;
 mod rows;
 mod ties;

@@ -11,6 +11,7 @@ use crate::chain::Link;
 use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed};
+use crate::recovery::Loosening;
 use crate::rows::{DIM, Rows};
 
 /// A state further than this from its linearisation point is linearised anew (§4.3): the ranges' curvature over 0.3 m
@@ -45,6 +46,8 @@ pub struct Node {
     pub interval: Interval,
     /// Its place in the chain.
     pub link: Link<DIM>,
+    /// Half the robust sum of squares of its measurements and its interval, when last summed.
+    pub cost: f64,
 }
 
 /// The IMU factor between a keyframe and the next, at their linearisation points.
@@ -66,6 +69,7 @@ pub struct Interval {
 struct Closed {
     factor: ImuFactor,
     weight: ImuWeight,
+    loosening: Option<Loosening>,
 }
 
 impl Default for Interval {
@@ -81,13 +85,20 @@ impl Default for Interval {
 }
 
 impl Interval {
-    /// Takes a closed interval's preintegration.
+    /// Takes a closed interval's preintegration, loosened where its samples cannot be trusted.
     ///
     /// # Errors
     /// [`NotPositiveDefinite`] when its covariance is singular, as that of no time at all.
-    pub fn close(&mut self, preintegration: Preintegration) -> Result<(), NotPositiveDefinite> {
+    pub fn close(
+        &mut self,
+        mut preintegration: Preintegration,
+        loosening: Option<Loosening>,
+    ) -> Result<(), NotPositiveDefinite> {
+        if let Some(loosening) = &loosening {
+            loosening.apply(&mut preintegration);
+        }
         let factor = ImuFactor::new(preintegration);
-        self.closed = Some(Closed { weight: factor.weight()?, factor });
+        self.closed = Some(Closed { weight: factor.weight()?, factor, loosening });
         Ok(())
     }
 
@@ -100,7 +111,7 @@ impl Interval {
 
     /// Linearises between two keyframes. Does nothing on an open interval.
     pub fn linearise(&mut self, near: &NavState, far: &NavState, world: &WorldModel) {
-        let Some(Closed { factor, weight }) = &self.closed else { return };
+        let Some(Closed { factor, weight, .. }) = &self.closed else { return };
         let jacobians = factor.jacobians(near, far, world);
         // Whitened and transposed: (W J)ᵀ = Jᵀ Wᵀ, one column per row of W J.
         let mut near_transposed = Block::zeros();
@@ -134,6 +145,7 @@ impl Node {
             sensors: (Block::zeros(), BlockVector::zeros()),
             interval: Interval::default(),
             link: Link::default(),
+            cost: 0.0,
         }
     }
 
@@ -151,6 +163,7 @@ impl Node {
         self.interval.far = (Block::zeros(), BlockVector::zeros());
         self.interval.coupling_transposed = Block::zeros();
         self.interval.cost = 0.0;
+        self.cost = 0.0;
     }
 
     /// Evaluates every sensor anew at the linearisation point, weights at the present estimate.
@@ -198,7 +211,8 @@ impl Node {
         {
             // The covariance of the same samples was positive definite before; if rounding says otherwise, keep that.
             let before = self.interval.closed.clone();
-            if self.interval.close(anew).is_err() {
+            let loosening = before.as_ref().and_then(|closed| closed.loosening);
+            if self.interval.close(anew, loosening).is_err() {
                 self.interval.closed = before;
             }
         }

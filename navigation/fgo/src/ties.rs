@@ -78,6 +78,11 @@ impl Ties {
         }
     }
 
+    /// Whole epochs of ranges refused in a row, and since when.
+    pub fn epochs_refused(&self) -> (u32, Option<Time>) {
+        self.refusals[Sensor::Lbl.index()].run()
+    }
+
     /// Counts a refusal.
     pub fn refuse(&mut self, sensor: Sensor, reason: RejectReason) {
         self.counts[sensor.index()].rejected[reason.index()] += 1;
@@ -207,7 +212,7 @@ impl Ties {
     /// Gates the group, sets first weights, counts and lists. What was refused leaves the group.
     fn judge(&mut self, sensor: Sensor, report: &mut KeyframeReport) {
         let Some(first) = self.epoch.first() else { return };
-        let shares_offset = first.factor.shares_offset();
+        let (shares_offset, t) = (first.factor.shares_offset(), first.factor.t);
         let mut is_gated = self.config.navigator.sensor(sensor).is_some_and(|config| config.gate);
         if shares_offset {
             let mut offsets = [0.0; EPOCH_MAX];
@@ -229,7 +234,7 @@ impl Ties {
             }
         }
         let admits = self.refusals[sensor.index()].admits_next();
-        let (mut passed_any, mut known_well) = (false, true);
+        let mut passed_any = false;
         let mut kept = 0;
         for index in 0..self.epoch.len() {
             let mut candidate = self.epoch[index];
@@ -237,7 +242,6 @@ impl Ties {
             self.shares[sensor.index()].observe(candidate.innovation.nis, components);
             let passes = candidate.innovation.passes(sensor, components);
             passed_any |= passes;
-            known_well &= candidate.innovation.state_share < components as f64;
             let refused = is_gated && !passes && !admits;
             let weight = candidate.innovation.first_weight(candidate.factor.kernel);
             candidate.rows.as_mut_slice().iter_mut().for_each(|row| row.weight = weight);
@@ -251,8 +255,8 @@ impl Ties {
             }
         }
         self.epoch.truncate(kept);
-        if is_gated && (passed_any || known_well || admits) {
-            self.refusals[sensor.index()].observe(passed_any || admits);
+        if is_gated {
+            self.refusals[sensor.index()].observe(t, passed_any);
         }
     }
 

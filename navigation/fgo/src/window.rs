@@ -22,6 +22,7 @@ use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{Block, BlockVector, NotPositiveDefinite, cholesky, inverse_from_cholesky};
 use crate::node::{Node, lengths};
+use crate::recovery::Loosening;
 use crate::rows::{DIM, Row};
 
 /// Weights that differ by less are left alone (§4.3: 0.03 costs three times the work for the same error).
@@ -60,6 +61,8 @@ pub struct Window {
     prior_is_marginal: bool,
     /// First link whose blocks changed since the last sweep.
     dirty: usize,
+    /// First keyframe that moved or was measured since its cost was summed.
+    uncounted: usize,
 }
 
 impl Window {
@@ -73,6 +76,7 @@ impl Window {
             prior: Marginal { information: Block::zeros(), right: BlockVector::zeros() },
             prior_is_marginal: false,
             dirty: 0,
+            uncounted: 0,
         }
     }
 
@@ -99,6 +103,7 @@ impl Window {
         self.prior_is_marginal = false;
         self.push_node(t, state);
         self.dirty = 0;
+        self.uncounted = 0;
         Ok(())
     }
 
@@ -130,6 +135,7 @@ impl Window {
             Marginal { information: oldest.interval.far.0 + information, right: oldest.interval.far.1 + right };
         self.prior_is_marginal = true;
         self.dirty = self.dirty.saturating_sub(1);
+        self.uncounted = self.uncounted.saturating_sub(1);
         self.spare.push(oldest);
     }
 
@@ -137,11 +143,18 @@ impl Window {
     ///
     /// # Errors
     /// [`NotPositiveDefinite`]: the interval's covariance is singular; nothing was appended.
-    pub fn append(&mut self, t: Time, state: &NavState, interval: Preintegration) -> Result<(), NotPositiveDefinite> {
+    pub fn append(
+        &mut self,
+        t: Time,
+        state: &NavState,
+        interval: Preintegration,
+        loosening: Option<Loosening>,
+    ) -> Result<(), NotPositiveDefinite> {
         let last = self.nodes.len() - 1;
-        self.nodes[last].interval.close(interval).map_err(|_| NotPositiveDefinite { row: 0 })?;
+        self.nodes[last].interval.close(interval, loosening).map_err(|_| NotPositiveDefinite { row: 0 })?;
         self.push_node(t, state);
         self.linearise_interval(last);
+        self.uncounted = self.uncounted.min(last);
         Ok(())
     }
 
@@ -153,6 +166,7 @@ impl Window {
         node.rows.push(first.group(), rows);
         node.factors.extend_from_slice(factors);
         self.dirty = self.dirty.min(index);
+        self.uncounted = self.uncounted.min(index);
     }
 
     fn linearise_interval(&mut self, index: usize) {
@@ -181,6 +195,7 @@ impl Window {
                 return report;
             }
             let oldest_touched = self.substitute(first_changed);
+            self.uncounted = self.uncounted.min(oldest_touched);
             // The last pass moves no linearisation point: a link changed but not swept would spoil the prior when its
             // neighbour is marginalised.
             if pass == max_passes {
@@ -319,12 +334,19 @@ impl Window {
         covariance.iter().all(|x| x.is_finite()).then_some(covariance)
     }
 
-    /// Half the weighted sum of squares at the present estimate, as far as the linear model tells.
-    pub fn cost(&self) -> f64 {
-        let measured: f64 = self.nodes.iter().map(|node| node.rows.cost(&node.delta)).sum();
-        let inertial: f64 =
-            self.nodes.iter().zip(self.nodes.iter().skip(1)).map(|(near, far)| interval_cost(near, far)).sum();
-        measured + inertial
+    /// Half the robust sum of squares over all measurements and intervals at the present estimate, as far as the linear
+    /// model tells; the prior is left out. Only what changed since the last call is summed anew.
+    pub fn cost(&mut self) -> f64 {
+        // An interval belongs to its earlier keyframe, and changes with the later one.
+        let first = self.uncounted.saturating_sub(1);
+        for index in first..self.nodes.len() {
+            let node = &self.nodes[index];
+            let inertial = self.nodes.get(index + 1).map_or(0.0, |next| interval_cost(node, next));
+            let cost = node.rows.cost(&node.delta) + inertial;
+            self.nodes[index].cost = cost;
+        }
+        self.uncounted = self.nodes.len();
+        self.nodes.iter().map(|node| node.cost).sum()
     }
 }
 

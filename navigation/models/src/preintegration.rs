@@ -192,6 +192,14 @@ impl Preintegration {
         }
     }
 
+    /// Admits that the samples are worse than their noise says: adds these 1-sigmas, the same along every axis, to
+    /// position (m), velocity (m/s) and attitude (rad) of the increment.
+    pub fn loosen(&mut self, position: f64, velocity: f64, attitude: f64) {
+        self.blocks.alpha_alpha += Matrix3::from_diagonal_element(position * position);
+        self.blocks.beta_beta += Matrix3::from_diagonal_element(velocity * velocity);
+        self.blocks.phi_phi += Matrix3::from_diagonal_element(attitude * attitude);
+    }
+
     /// Whether these biases are too far from those of the run for [`Preintegration::corrected`]: 1 mrad or 5 cm/s.
     pub fn needs_reintegration(&self, accel_bias: &Vector3<f64>, gyro_bias: &Vector3<f64>) -> bool {
         let span = self.dt_total.abs();

@@ -304,6 +304,7 @@ pub(crate) fn status_word(status: SolutionStatus) -> &'static str {
         SolutionStatus::Converged => "converged",
         SolutionStatus::NotConverged => "not converged",
         SolutionStatus::Damped => "damped",
+        SolutionStatus::Loosened => "loosened",
     }
 }
 

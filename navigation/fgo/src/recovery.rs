@@ -1,0 +1,177 @@
+//! When the sensors agree with each other against the state.
+//!
+//! A gate protects the state from outliers; when the state itself is wrong (an IMU that clipped, a glitch that no noise
+//! density knows) the same gate refuses every good range, the error grows faster than the covariance, and nothing ever
+//! comes back. Outliers of several buoys do not agree on a place; good ranges do. So when whole epochs have been refused in a
+//! row, the newest epoch is asked for the position that fits it best: if it fits within its own sigmas, the inertial
+//! increment of the closing interval is loosened by as much as the state is off, the gates see a covariance that covers the
+//! truth, and the published sigmas say so.
+
+use nalgebra::{Matrix4, Vector4};
+use nav_models::preintegration::Preintegration;
+use nav_models::sensors::LblModel;
+use nav_models::state::NavState;
+use shared_types::{Config, Duration, Reading, Time};
+
+use crate::robust::chi2_999;
+use crate::ties::Pending;
+
+/// Whole epochs refused in a row before the state is suspected: one may agree with itself by chance, two hardly do.
+pub const SUSPICIOUS_EPOCHS: u32 = 2;
+/// Ranges further from the keyframe than this are not evaluated at its state.
+const NEAR_KEYFRAME: Duration = Duration(200_000_000);
+/// Nothing is known of the horizontal position: 1-sigma of the fit's prior, m.
+const HORIZONTAL_PRIOR: f64 = 1e4;
+/// Gauss-Newton steps of the fit; from kilometres off, five reach the millimetre.
+const FIT_STEPS: usize = 8;
+/// The loosened increment's 1-sigma in attitude, rad: three degrees, what sharp turns were seen to leave.
+const ATTITUDE: f64 = 0.05;
+/// Smallest 1-sigma in position, m, and velocity, m/s, that is worth loosening by.
+const POSITION_MIN: f64 = 0.3;
+const VELOCITY_MIN: f64 = 0.1;
+
+/// 1-sigmas to add to the increment of the closing interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loosening {
+    /// m.
+    pub position: f64,
+    /// m/s.
+    pub velocity: f64,
+    /// rad.
+    pub attitude: f64,
+}
+
+impl Loosening {
+    /// Adds it to an increment.
+    pub fn apply(&self, increment: &mut Preintegration) {
+        increment.loosen(self.position, self.velocity, self.attitude);
+    }
+}
+
+/// By how much to loosen, if the epoch at the keyframe `t` agrees with itself on another place than `predicted`.
+///
+/// `height_sigma`: how well the height is known, m. `refused_for`: since when epochs are refused.
+pub fn loosening(
+    pending: &[Pending],
+    t: Time,
+    predicted: &NavState,
+    height_sigma: f64,
+    refused_for: Duration,
+    config: &Config,
+) -> Option<Loosening> {
+    let ranges = || {
+        pending.iter().filter_map(|(measurement, reading)| match *reading {
+            Reading::Lbl { range, buoy_enu, buoy_sigma, .. }
+                if measurement.t_keyframe() == t && (measurement.t_valid() - t).abs() <= NEAR_KEYFRAME =>
+            {
+                Some(LblModel::new(range, buoy_enu, buoy_sigma, &config.vehicle.lbl))
+            }
+            _ => None,
+        })
+    };
+    let offset_sigma = config.navigator.lbl_common_offset_sigma;
+    let count = ranges().count();
+    // Two unknowns of the place, one of the offset; the height comes from its prior.
+    let unknowns = if offset_sigma > 0.0 { 3 } else { 2 };
+    let redundancy = count.checked_sub(unknowns).filter(|&redundancy| redundancy > 0)?;
+
+    let mut fitted = *predicted;
+    let mut offset = 0.0;
+    let mut chi2 = f64::INFINITY;
+    for step in 0..=FIT_STEPS {
+        let moved = fitted.position_enu - predicted.position_enu;
+        let prior = Vector4::new(
+            HORIZONTAL_PRIOR.powi(-2),
+            HORIZONTAL_PRIOR.powi(-2),
+            height_sigma.max(1e-3).powi(-2),
+            // σ_d = 0 keeps the offset where it is, σ_d = ∞ leaves it free.
+            if offset_sigma > 0.0 { offset_sigma.powi(-2).max(1e-12) } else { 1e12 },
+        );
+        let at = Vector4::new(moved.x, moved.y, moved.z, offset);
+        let mut normal = Matrix4::from_diagonal(&prior);
+        let mut right = -prior.component_mul(&at);
+        chi2 = prior.component_mul(&at).dot(&at);
+        for model in ranges() {
+            let (distance, u) = model.distance_and_direction(&fitted);
+            let sigma = config.vehicle.lbl.sigma.hypot(model.buoy_sigma);
+            let residual = (distance + offset - model.range) / sigma;
+            let row = Vector4::new(u.x, u.y, u.z, 1.0) / sigma;
+            normal += row * row.transpose();
+            right -= row * residual;
+            chi2 += residual * residual;
+        }
+        if step == FIT_STEPS {
+            break;
+        }
+        let delta = normal.cholesky()?.solve(&right);
+        fitted.position_enu += delta.xyz();
+        offset += delta.w;
+    }
+    // The negation refuses a NaN.
+    if !(chi2 <= chi2_999(redundancy)) {
+        return None;
+    }
+    let shift = (fitted.position_enu - predicted.position_enu).xy().norm();
+    Some(Loosening {
+        position: shift.max(POSITION_MIN),
+        velocity: (2.0 * shift / refused_for.as_seconds().max(1.0)).max(VELOCITY_MIN),
+        attitude: ATTITUDE,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use shared_types::Measurement;
+
+    const BUOYS: [[f64; 3]; 4] = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0], [200.0, 500.0, 0.0]];
+
+    fn epoch(at: Vector3<f64>, error: impl Fn(usize) -> f64) -> Vec<Pending> {
+        BUOYS
+            .iter()
+            .enumerate()
+            .map(|(index, &buoy_enu)| {
+                let range = (at - Vector3::from(buoy_enu)).norm() + error(index);
+                let reading = Reading::Lbl { buoy: index as u32, epoch: 1, range, buoy_enu, buoy_sigma: 0.0 };
+                (Measurement::new(Time(0), Time(0), &reading), reading)
+            })
+            .collect()
+    }
+
+    fn ask(pending: &[Pending], config: &Config) -> Option<Loosening> {
+        let mut predicted = NavState::identity();
+        predicted.position_enu = Vector3::new(0.0, 0.0, -50.0);
+        loosening(pending, Time(0), &predicted, 0.01, Duration::from_seconds(4.0), config)
+    }
+
+    #[test]
+    fn ranges_that_agree_on_another_place_loosen_by_the_way_there() {
+        let pending = epoch(Vector3::new(30.0, -40.0, -50.0), |index| [0.2, -0.3, 0.1, 0.0][index]);
+        let loosening = ask(&pending, &Config::default()).expect("they agree");
+        assert!((loosening.position - 50.0).abs() < 1.0, "{loosening:?}");
+        assert!((loosening.velocity - 25.0).abs() < 0.5, "{loosening:?}");
+    }
+
+    #[test]
+    fn multipath_on_two_of_four_buoys_is_no_place() {
+        let pending = epoch(Vector3::new(0.0, 0.0, -50.0), |index| [80.0, 0.0, 35.0, 0.0][index]);
+        assert_eq!(ask(&pending, &Config::default()), None);
+    }
+
+    #[test]
+    fn an_offset_common_to_all_is_no_place_for_raw_ranges_and_none_for_differences() {
+        let late = epoch(Vector3::new(0.0, 0.0, -50.0), |_| 120.0);
+        assert_eq!(ask(&late, &Config::default()), None);
+        let sets = ["lbl.common_offset_sigma=inf".to_owned()];
+        let differences = Config::load(&[], &sets).expect("valid");
+        let loosening = ask(&late, &differences).expect("the place fits");
+        assert!(loosening.position < 1.0, "{loosening:?}");
+    }
+
+    #[test]
+    fn two_ranges_prove_nothing() {
+        let pending = epoch(Vector3::new(30.0, -40.0, -50.0), |_| 0.0);
+        assert_eq!(ask(&pending[..2], &Config::default()), None);
+    }
+}
