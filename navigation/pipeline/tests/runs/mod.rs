@@ -1,0 +1,88 @@
+//! A simulated mission through the navigator, scored.
+
+#![expect(dead_code, reason = "each test file uses its own part")]
+
+use nav_evaluation::{EstimatePoint, Pair, Score, Scorer, Window};
+use nav_geometry::Geodetic;
+use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
+use shared_types::{Config, ConfigText, Duration, Mode, NavEstimate, RawReading, Solution, Time};
+use sim_world::{Preset, Scenario, World};
+
+/// What to run.
+pub struct Run<'a> {
+    pub scenario: &'a str,
+    pub preset: Preset,
+    pub seed: u64,
+    pub sets: &'a [&'a str],
+    /// Data time to stop at, s.
+    pub until: f64,
+}
+
+/// What came of it.
+pub struct Ran {
+    pub score: Score,
+    pub pairs: Vec<Pair>,
+    pub solutions: Vec<Solution>,
+    pub modes: [u64; 5],
+    pub navigator: Navigator,
+}
+
+impl Run<'_> {
+    pub fn go(&self) -> Ran {
+        self.with(|reading| Some(reading))
+    }
+
+    /// Runs with every reading passed through `tamper`; `None` drops it.
+    pub fn with(&self, mut tamper: impl FnMut(RawReading) -> Option<RawReading>) -> Ran {
+        let scenario = Scenario::builtin(self.scenario).expect("a built-in scenario");
+        let world = World::new(&scenario, self.preset, self.seed).expect("a valid world");
+        let sets: Vec<String> = self.sets.iter().map(|set| (*set).to_owned()).collect();
+        let facts = ConfigText::new("sensors.toml", world.sensors_toml());
+        let config = Config::load(&[facts], &sets).expect("a valid configuration");
+        let [lat_deg, lon_deg, height] = scenario.origin_deg;
+        let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
+        let mut navigator = Navigator::new(&config, Rebase::After(Duration::ZERO));
+        let mut truth = world.truth_rows(10.0).peekable();
+        let (mut pairs, mut solutions, mut modes) = (Vec::new(), Vec::new(), [0; 5]);
+        let t_end = Time::from_seconds(self.until);
+        for reading in world.readings().take_while(|reading| reading.t_valid() <= t_end) {
+            if let RawReading::Imu(sample) = &reading {
+                while let Some(row) = truth.next_if(|row| row.header.t_valid <= sample.header.t_valid) {
+                    scorer.truth(&row);
+                }
+            }
+            let Some(reading) = tamper(reading) else { continue };
+            navigator.push(&reading, &mut Unmeasured, &mut |output| match output {
+                Output::Estimate(estimate) => {
+                    assert_finite(estimate);
+                    modes[estimate.mode() as usize] += 1;
+                    if estimate.mode() != Mode::Initialising {
+                        scorer.estimate_with(&EstimatePoint::from(estimate), |pair| pairs.push(*pair));
+                    }
+                }
+                Output::Solution(solution, _) => solutions.push(*solution),
+                Output::Origin(_) => {}
+            });
+        }
+        Ran { score: scorer.score().expect("estimates met the truth"), pairs, solutions, modes, navigator }
+    }
+}
+
+/// No number of an estimate may be NaN or infinite, but for the age of a sensor that never spoke.
+pub fn assert_finite(estimate: &NavEstimate) {
+    let numbers = [
+        &estimate.position_enu[..],
+        &estimate.velocity_enu,
+        &estimate.q_enu_body,
+        &estimate.accel_bias,
+        &estimate.gyro_bias,
+        &estimate.position_cov,
+        &estimate.velocity_cov,
+        &estimate.attitude_cov,
+        &estimate.sigma_rpy,
+        &estimate.lat_lon_h,
+    ];
+    for number in numbers.into_iter().flatten() {
+        assert!(number.is_finite(), "{estimate:?}");
+    }
+}
