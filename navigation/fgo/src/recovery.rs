@@ -107,8 +107,7 @@ pub fn loosening(
         fitted.position_enu += delta.xyz();
         offset += delta.w;
     }
-    // The negation refuses a NaN.
-    if !(chi2 <= chi2_999(redundancy)) {
+    if chi2.is_nan() || chi2 > chi2_999(redundancy) {
         return None;
     }
     let shift = (fitted.position_enu - predicted.position_enu).xy().norm();

@@ -88,12 +88,12 @@ fn repeated_late_and_broken_readings_change_little() {
         index += 1;
         match reading {
             // Every 50th aiding reading is broken, and every other 25th comes in place of its successor.
-            RawReading::Ps(mut depth) if index % 50 == 0 => {
+            RawReading::Ps(mut depth) if index.is_multiple_of(50) => {
                 depth.depth = f64::NAN;
                 Some(RawReading::Ps(depth))
             }
             RawReading::Imu(_) => Some(reading),
-            other if index % 25 == 0 => held.replace(other),
+            other if index.is_multiple_of(25) => held.replace(other),
             other => Some(other),
         }
     });

@@ -1,9 +1,9 @@
 //! The command line of `ilns replay`, and the configuration that it asks for.
 
-use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
+use ilns_runtime::NavigatorArgs;
 use shared_types::{Config, ConfigText, Duration};
 
 use crate::error::ReplayError;
@@ -19,39 +19,12 @@ pub struct ReplayArgs {
     /// Folder for the results; made where there is none, results of an earlier run in it are replaced.
     #[arg(long, value_name = "OUT", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
-    /// Estimator: fgo.
-    #[arg(long, value_name = "NAME")]
-    pub estimator: Option<String>,
-    /// Keyframe intervals in the sliding window, 2 to 500.
-    #[arg(long, value_name = "N")]
-    pub window: Option<usize>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub navigator: NavigatorArgs,
     /// Corrections reach the published estimate so much data time later, as they do live. Milliseconds.
     #[arg(long, value_name = "MS", value_parser = parse_latency)]
     pub solve_latency: Option<Duration>,
-    /// Choices of the navigator (TOML), laid over the log's sensors.toml.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Sets one configuration key; may be repeated, the last one wins. `--print-config` lists the keys.
-    #[arg(long = "set", value_name = "section.key=value")]
-    pub sets: Vec<String>,
-    /// Leaves out the acoustic ranges.
-    #[arg(long)]
-    pub no_lbl: bool,
-    /// Leaves out the satellite fixes.
-    #[arg(long)]
-    pub no_gnss: bool,
-    /// Leaves out the Doppler velocities.
-    #[arg(long)]
-    pub no_dvl: bool,
-    /// Leaves out the compass.
-    #[arg(long)]
-    pub no_mcp: bool,
-    /// Leaves out the depths.
-    #[arg(long)]
-    pub no_ps: bool,
-    /// Prints the whole effective configuration as TOML and stops.
-    #[arg(long)]
-    pub print_config: bool,
     /// Takes each correction at the estimate at which a live run took it: the estimate.csv of that run.
     #[arg(long, value_name = "FILE", conflicts_with = "solve_latency")]
     pub follow: Option<PathBuf>,
@@ -73,33 +46,7 @@ impl ReplayArgs {
     /// # Errors
     /// A file that cannot be read, or a key or value that is refused.
     pub fn load_config(&self, log_config: Option<&ConfigText>) -> Result<Config, ReplayError> {
-        let mut files: Vec<ConfigText> = log_config.cloned().into_iter().collect();
-        if let Some(file) = &self.config {
-            let text = fs::read_to_string(file).map_err(|source| ReplayError::Io {
-                file: file.clone(),
-                action: "read",
-                source,
-            })?;
-            files.push(ConfigText { file: file.clone(), text });
-        }
-        Ok(Config::load(&files, &self.all_sets())?)
-    }
-
-    /// Every flag that stands for a configuration key, as `section.key=value`, then those given as such.
-    fn all_sets(&self) -> Vec<String> {
-        let mut sets = Vec::new();
-        sets.extend(self.estimator.iter().map(|name| format!("estimator={name}")));
-        sets.extend(self.window.iter().map(|window| format!("fgo.window={window}")));
-        let left_out = [
-            ("lbl", self.no_lbl),
-            ("gnss", self.no_gnss),
-            ("dvl", self.no_dvl),
-            ("mcp", self.no_mcp),
-            ("ps", self.no_ps),
-        ];
-        sets.extend(left_out.iter().filter(|(_, out)| *out).map(|(sensor, _)| format!("{sensor}.enabled=false")));
-        sets.extend(self.sets.iter().cloned());
-        sets
+        Ok(self.navigator.load_config(log_config.map(std::slice::from_ref).unwrap_or_default())?)
     }
 }
 
@@ -149,12 +96,5 @@ mod tests {
         let error = parse("log --out out --window 1").expect("clap does not know").load_config(None);
         let message = error.expect_err("a window of one").to_string();
         assert!(message.contains("fgo.window"), "{message}");
-    }
-
-    #[test]
-    fn a_missing_configuration_file_is_named() {
-        let args = parse("log --out out --config nowhere.toml").expect("valid");
-        let message = args.load_config(None).expect_err("it is missing").to_string();
-        assert_eq!(message, "nowhere.toml: cannot read");
     }
 }

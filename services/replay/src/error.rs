@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use ilns_recording::LogError;
-use shared_types::ConfigError;
+use ilns_runtime::RuntimeError;
 
 /// Each is one line that names the mend.
 #[derive(Debug, thiserror::Error)]
@@ -14,7 +14,7 @@ pub enum ReplayError {
     Log(#[from] LogError),
     /// `sensors.toml`, `--config` or `--set`.
     #[error(transparent)]
-    Config(#[from] ConfigError),
+    Config(#[from] RuntimeError),
     /// Nothing says where the ENU frame of the estimates lies.
     #[error("{}: the origin of its frame is not known: no `summary.json` beside it and no `[frame] origin` in a `sensors.toml` beside the truth (give `--origin LAT,LON,H`)", estimate.display())]
     NoOrigin {

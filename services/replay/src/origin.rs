@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use ilns_recording::{SUMMARY_FILE, Summary};
+use ilns_runtime::RuntimeError;
 use nav_geometry::Geodetic;
 use shared_types::{Config, ConfigText};
 
@@ -36,7 +37,7 @@ pub(crate) fn find(given: Option<[f64; 3]>, estimate: &Path, truth: Option<&Path
             action: "read",
             source,
         })?;
-        let config = Config::load(&[ConfigText { file, text }], &[])?;
+        let config = Config::load(&[ConfigText { file, text }], &[]).map_err(RuntimeError::from)?;
         if let Some([latitude, longitude, height]) = config.vehicle.frame.origin_geodetic {
             return Ok(Geodetic::new(latitude, longitude, height));
         }

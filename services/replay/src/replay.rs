@@ -28,7 +28,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), ReplayError> {
     let started = Instant::now();
     let log = LogDirectory::open(&args.dir)?;
     let config = args.load_config(log.config())?;
-    let Some(out) = args.out.as_ref().filter(|_| !args.print_config) else {
+    let Some(out) = args.out.as_ref().filter(|_| !args.navigator.print_config) else {
         return std::io::stdout().write_all(config.to_toml().as_bytes()).map_err(ReplayError::Print);
     };
     log.check_buoys()?;

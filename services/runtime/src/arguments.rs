@@ -115,13 +115,13 @@ impl NavigatorArgs {
         load_config(first, self.config.as_deref(), &self.overrides())
     }
 
-    /// Every `--set`, and the options that stand for one.
+    /// The options that stand for a `--set`, then every `--set`, which therefore has the last word.
     fn overrides(&self) -> Vec<String> {
-        let mut sets = self.sets.clone();
-        sets.extend(self.estimator.iter().map(|name| format!("estimator={name}")));
+        let mut sets: Vec<String> = self.estimator.iter().map(|name| format!("estimator={name}")).collect();
         sets.extend(self.window.map(|window| format!("fgo.window={window}")));
         let dropped = AIDING.into_iter().filter(|&sensor| self.drops(sensor));
         sets.extend(dropped.map(|sensor| format!("{}.enabled=false", sensor.name())));
+        sets.extend(self.sets.iter().cloned());
         sets
     }
 

@@ -29,7 +29,7 @@ pub struct Ran {
 
 impl Run<'_> {
     pub fn go(&self) -> Ran {
-        self.with(|reading| Some(reading))
+        self.with(Some)
     }
 
     /// Runs with every reading passed through `tamper`; `None` drops it.
