@@ -235,35 +235,31 @@ impl Ties {
         }
         let admits = self.refusals[sensor.index()].admits_next();
         let mut passed_any = false;
-        let mut kept = 0;
-        for index in 0..self.epoch.len() {
-            let mut candidate = self.epoch[index];
+        let (share, counts) = (&mut self.shares[sensor.index()], &mut self.counts[sensor.index()]);
+        let t_last_used = AIDING.iter().position(|&aiding| aiding == sensor).map(|at| &mut self.t_last_used[at]);
+        let mut t_newest = Time::MIN;
+        self.epoch.retain_mut(|candidate| {
             let components = candidate.factor.components();
-            self.shares[sensor.index()].observe(candidate.innovation.nis, components);
+            share.observe(candidate.innovation.nis, components);
             let passes = candidate.innovation.passes(sensor, components);
             passed_any |= passes;
             let refused = is_gated && !passes && !admits;
             let weight = candidate.innovation.first_weight(candidate.factor.kernel);
             candidate.rows.as_mut_slice().iter_mut().for_each(|row| row.weight = weight);
-            list_candidate(report, &candidate, weight, refused);
+            list_candidate(report, candidate, weight, refused);
             if refused {
-                self.refuse(sensor, RejectReason::Gated);
+                counts.rejected[RejectReason::Gated.index()] += 1;
             } else {
-                self.note_used(sensor, candidate.factor.t);
-                self.epoch[kept] = candidate;
-                kept += 1;
+                counts.used += 1;
+                t_newest = t_newest.max(candidate.factor.t);
             }
+            !refused
+        });
+        if let Some(t_last_used) = t_last_used {
+            *t_last_used = t_newest.max(*t_last_used);
         }
-        self.epoch.truncate(kept);
         if is_gated {
             self.refusals[sensor.index()].observe(t, passed_any);
-        }
-    }
-
-    fn note_used(&mut self, sensor: Sensor, t: Time) {
-        self.counts[sensor.index()].used += 1;
-        if let Some(at) = AIDING.iter().position(|&aiding| aiding == sensor) {
-            self.t_last_used[at] = self.t_last_used[at].max(t);
         }
     }
 }
