@@ -132,9 +132,10 @@ channel_table! {
     /// Anchored measurements: 20 s of them, and a history from which a restarted solver takes up.
     MEASUREMENTS: Measurement = "nav/measurements", queue 8192, history 2048, RefuseNewest, publishers 1,
         readers ["solver", "recorder"];
-    /// Newest keyframe, latched: a restarted solver and a restarted propagator begin from it.
+    /// Newest keyframe, latched: a restarted propagator begins from it. (A restarted solver does not: a latched message
+    /// dies with its sender, so the solver keeps its last solution on disk.)
     SOLUTION: Solution = "nav/solution", queue 16, history 1, DropOldest, publishers 1,
-        readers ["solver", "propagator", "monitor", "recorder"];
+        readers ["propagator", "monitor", "recorder"];
     /// What each keyframe held.
     DIAGNOSTICS: KeyframeReport = "nav/diagnostics", queue 16, history 0, DropOldest, publishers 1,
         readers ["monitor", "recorder"];

@@ -100,7 +100,8 @@ impl FgoEstimator {
         self.is_started = true;
         self.t_resumed = Time(solution.t_keyframe);
         self.newest_covariance = covariance;
-        self.solutions = solution.id;
+        // One more may have been published after this one was kept: its number is not given again.
+        self.solutions = solution.id + 1;
         self.ties.counts = solution.counts;
         self.ties.t_last_used = solution.t_last_used.map(Time);
         true

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::checkpoint::CheckpointError;
 use shared_types::Time;
 
 /// A log or estimate file that cannot be read or written.
@@ -155,6 +156,14 @@ pub enum LogError {
         line: usize,
         /// What is wrong.
         message: String,
+    },
+    /// A checkpoint that cannot be taken up.
+    #[error("{}: {reason}", file.display())]
+    Checkpoint {
+        /// Which file.
+        file: PathBuf,
+        /// Why not.
+        reason: CheckpointError,
     },
     /// The operating system refused.
     #[error("{}: cannot {action}", file.display())]

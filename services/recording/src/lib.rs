@@ -10,6 +10,7 @@
 //! Every reader streams: a log of a day takes no more memory than one of a minute. Every error names file, line, column
 //! and the mend. What a cell means, and in which unit, stands in the format document of the log directory.
 
+mod checkpoint;
 mod decimal;
 mod directory;
 mod error;
@@ -24,6 +25,7 @@ mod summary;
 mod table;
 mod text_file;
 
+pub use checkpoint::{CheckpointError, read_checkpoint, write_checkpoint};
 pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};

@@ -3,6 +3,7 @@
 //! The estimating is `nav-fgo`'s; here a clock looks at it, and the queue says how hard it may work.
 
 mod error;
+mod keeper;
 mod ports;
 mod run;
 

@@ -7,8 +7,6 @@ use shared_types::{FrameOrigin, Heartbeat, KeyframeReport, Measurement, Solution
 pub(crate) struct Inputs {
     pub(crate) measurements: Subscriber<Measurement>,
     pub(crate) frame_origin: Subscriber<FrameOrigin>,
-    /// Its own channel: what the solver before this one said last.
-    pub(crate) solution: Subscriber<Solution>,
 }
 
 /// What it says.
@@ -23,7 +21,6 @@ impl Inputs {
         Ok(Inputs {
             measurements: bus.subscriber(&channel::MEASUREMENTS)?,
             frame_origin: bus.subscriber(&channel::FRAME_ORIGIN)?,
-            solution: bus.subscriber(&channel::SOLUTION)?,
         })
     }
 }

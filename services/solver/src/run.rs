@@ -1,15 +1,17 @@
 //! The story of this process: wait for a keyframe's bracket, solve as hard as the queue allows, publish, say how it goes.
 
 use std::collections::VecDeque;
+use std::path::Path;
 
 use ilns_bus::{Bus, Prefix, Reader};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use nav_pipeline::{ChosenEstimator, Effort, Estimator, EstimatorError};
 use rustix::time::{ClockId, clock_gettime};
-use shared_types::{Measurement, Process, ProcessState, SENSORS};
+use shared_types::{Measurement, Process, ProcessState, SENSORS, Time};
 use tracing::{debug, info, warn};
 
 use crate::error::SolverError;
+use crate::keeper::{self, Keeper};
 use crate::ports::{Inputs, Outputs};
 
 /// Keyframes that may wait behind the one at hand before it is only taken in, and solved with a later one.
@@ -43,7 +45,8 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     let mut outputs = Outputs::open(&bus)?;
     let waiter = bus.waiter(Reader::Solver)?;
     let mut estimator = ChosenEstimator::new(&config);
-    take_up(&mut estimator, &mut inputs);
+    take_up(&mut estimator, &prefix.run_directory());
+    let keeper = Keeper::start(&prefix.run_directory());
     let mut heartbeat = HeartbeatBuilder::new(Process::Solver, args.process.epoch);
     heartbeat.state = ProcessState::Running;
     let mut waiting = VecDeque::with_capacity(inputs_capacity());
@@ -69,7 +72,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
             } else {
                 Effort::Full
             };
-            ingest(&mut estimator, &measurement, effort, &mut outputs, &mut heartbeat);
+            ingest(&mut estimator, &measurement, effort, &keeper, &mut outputs, &mut heartbeat);
         }
         // A restarted propagator gets the latched solution without waiting for the next one.
         outputs.solution.update();
@@ -93,13 +96,17 @@ fn effort_with(behind: usize) -> Effort {
     }
 }
 
-/// A restarted solver begins from the last solution, which the channel still holds.
-fn take_up(estimator: &mut ChosenEstimator, inputs: &mut Inputs) {
-    let Some(solution) = inputs.solution.newest() else { return };
-    if estimator.resume(&solution) {
-        info!(solution = solution.id, t_keyframe = %shared_types::Time(solution.t_keyframe), "taking up from the last solution");
-    } else {
-        warn!(solution = solution.id, "the last solution holds no valid state; initialising anew");
+/// A restarted solver begins from the last solution of the one before.
+fn take_up(estimator: &mut ChosenEstimator, run_directory: &Path) {
+    match keeper::last_solution(run_directory) {
+        Ok(None) => {}
+        Ok(Some(solution)) if estimator.resume(&solution) => {
+            info!(solution = solution.id, t_keyframe = %Time(solution.t_keyframe), "taking up from the last solution");
+        }
+        Ok(Some(solution)) => {
+            warn!(solution = solution.id, "the last solution holds no valid state; initialising anew");
+        }
+        Err(error) => warn!(%error, "the last solution cannot be taken up; initialising anew"),
     }
 }
 
@@ -107,6 +114,7 @@ fn ingest(
     estimator: &mut ChosenEstimator,
     measurement: &Measurement,
     effort: Effort,
+    keeper: &Keeper,
     outputs: &mut Outputs,
     heartbeat: &mut HeartbeatBuilder,
 ) {
@@ -125,6 +133,7 @@ fn ingest(
                 "solved"
             );
             outputs.solution.publish(solution);
+            keeper.keep(&solution);
             outputs.diagnostics.publish(*estimator.report());
         }
         Ok(None) => {}

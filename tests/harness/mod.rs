@@ -1,0 +1,113 @@
+//! The real executable and its processes, from outside.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde_json::Value;
+
+pub const ILNS: &str = env!("CARGO_BIN_EXE_ilns");
+
+/// From the request to stop to its end.
+pub const STOP_LIMIT: Duration = Duration::from_secs(2);
+
+/// Generous: a machine under load starts slowly.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A set under a prefix that no other test has; whatever happens, it is stopped and its leftovers are removed.
+pub struct Set {
+    pub prefix: String,
+    pub child: Child,
+}
+
+impl Set {
+    pub fn start(test: &str, arguments: &[&str]) -> Set {
+        let prefix = format!("s{}-{test}", std::process::id());
+        let (command, rest) = arguments.split_first().expect("a subcommand");
+        let child = Command::new(ILNS)
+            .args([*command, "--prefix", prefix.as_str()])
+            .args(rest)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the executable was built");
+        Set { prefix, child }
+    }
+
+    pub fn signal(&self, signal: Signal) {
+        kill(self.child.id(), signal);
+    }
+
+    /// Waits for its end: exit code, standard error, how long it took.
+    pub fn end(&mut self, limit: Duration) -> (Option<i32>, String) {
+        let begun = Instant::now();
+        let status = loop {
+            if let Some(status) = self.child.try_wait().expect("our own child") {
+                break status;
+            }
+            assert!(begun.elapsed() < limit, "it did not end within {limit:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let mut errors = String::new();
+        let mut pipe = self.child.stderr.take().expect("piped");
+        std::io::Read::read_to_string(&mut pipe, &mut errors).expect("text");
+        (status.code(), errors)
+    }
+
+    /// `ilns status --json` of this set, once it satisfies `wanted`.
+    pub fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let output = ilns(&["status", "--json", "--prefix", &self.prefix]);
+            let status: Option<Value> = serde_json::from_slice(&output.stdout).ok();
+            match status {
+                Some(status) if wanted(&status) => return status,
+                last => assert!(Instant::now() < deadline, "{what}: not within {PATIENCE:?}; last: {last:?}"),
+            }
+        }
+    }
+}
+
+impl Drop for Set {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        for path in leftovers(&self.prefix) {
+            let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+        }
+    }
+}
+
+pub fn ilns(arguments: &[&str]) -> Output {
+    Command::new(ILNS).args(arguments).output().expect("the executable was built")
+}
+
+pub fn kill(pid: u32, signal: Signal) {
+    let pid = Pid::from_raw(pid as i32).expect("a process number");
+    kill_process(pid, signal).expect("it lives");
+}
+
+pub fn lives(pid: u32) -> bool {
+    test_kill_process(Pid::from_raw(pid as i32).expect("a process number")).is_ok()
+}
+
+/// Everything on this machine that bears the name of the set.
+pub fn leftovers(prefix: &str) -> Vec<PathBuf> {
+    let of = |directory: &Path| {
+        let entries = std::fs::read_dir(directory).expect("readable");
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+        let bears_it = |path: &PathBuf| path.to_string_lossy().contains(&format!("ilns-{prefix}"));
+        paths.filter(bears_it).collect::<Vec<PathBuf>>()
+    };
+    [of(Path::new("/dev/shm")), of(Path::new("/tmp"))].concat()
+}
+
+pub fn assert_nothing_left(prefix: &str) {
+    assert_eq!(leftovers(prefix), Vec::<PathBuf>::new());
+}
+
+pub fn process<'a>(status: &'a Value, name: &str) -> &'a Value {
+    let processes = status["processes"].as_array().expect("a list");
+    processes.iter().find(|process| process["name"] == name).unwrap_or(&Value::Null)
+}
