@@ -165,6 +165,26 @@ fn mistakes_are_one_line_with_code_2_and_no_output() {
         assert!(!out.join("estimate.csv").exists() && !out.join("summary.json").exists(), "{file}");
         std::fs::write(path, whole).expect("it can be written");
     }
+    let (whole_log, broken, out) = (logs.path("log"), logs.path("broken"), logs.path("out"));
+    let emptied = [
+        ("dvl.csv", "", "dvl.csv:1"),
+        ("imu.csv", "", "imu.csv:1"),
+        ("imu.csv", "t,wx,wy,wz,fx,fy,fz\n", "imu.csv:2"),
+        ("buoys.csv", "t,buoy,lat,lon,h\n0,1,36.38,127.36,0\n", "buoy 2 has no position"),
+    ];
+    for (file, content, named) in emptied {
+        std::fs::create_dir_all(&broken).expect("it can be made");
+        for entry in std::fs::read_dir(&whole_log).expect("it was written") {
+            let path = entry.expect("readable").path();
+            std::fs::copy(&path, broken.join(path.file_name().expect("a file"))).expect("it can be copied");
+        }
+        std::fs::write(broken.join(file), content).expect("it can be written");
+        let output = ilns(&["replay", text(&broken), "--out", text(&out)]);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{file}: {errors}");
+        assert!(errors.contains(named) && errors.trim_end().lines().count() == 1, "{file}: {errors}");
+        assert!(!out.join("estimate.csv").exists() && !out.join("summary.json").exists(), "{file}");
+    }
     let nowhere = logs.path("nowhere");
     let output = ilns(&["replay", text(&nowhere), "--out", text(&logs.path("out"))]);
     assert_eq!(output.status.code(), Some(2));

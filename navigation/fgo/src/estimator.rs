@@ -117,11 +117,6 @@ impl FgoEstimator {
         &self.ties.counts
     }
 
-    /// States of the window, oldest first, with their times.
-    pub fn trajectory(&self) -> impl Iterator<Item = (Time, &NavState)> {
-        self.window.iter().flat_map(|window| window.nodes().iter().map(|node| (node.t, &node.state)))
-    }
-
     fn ingest_imu(&mut self, t: Time, point: ImuPoint) -> Result<(), EstimatorError> {
         if !self.history.push(t, point) {
             self.ties.refuse(Sensor::Imu, RejectReason::BackwardsTime);

@@ -204,3 +204,56 @@ fn inverse_root<const ROWS: usize>(covariance: &SMatrix<f64, ROWS, ROWS>) -> Opt
     let mut inverse = SMatrix::<f64, ROWS, ROWS>::identity();
     l.solve_lower_triangular_mut(&mut inverse).then_some(inverse)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::Block;
+    use approx::assert_relative_eq;
+    use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+    use nav_geometry::Geodetic;
+    use shared_types::{Config, Lbl};
+
+    /// The epoch of §8.6 of the method at x_k of §8.4: cost and normal matrix.
+    fn golden_epoch(offset_sigma: f64) -> (f64, Block<DIM>) {
+        let world = WorldModel::new(Geodetic::from_degrees(36.38, 127.36, 0.0), &Config::default());
+        let mut state = NavState::identity();
+        state.position_enu = Vector3::new(120.0, -340.0, -55.0);
+        state.q_enu_body = UnitQuaternion::new_normalize(Quaternion::new(0.9, 0.1, -0.05, 0.42));
+        let buoys = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0], [200.0, 500.0, 0.0]];
+        let ranges = [207.6, 625.9, 1377.7, 845.8];
+        let mut factors = Vec::new();
+        for (index, sigma) in [0.3, 0.3, 0.4, 0.5].into_iter().enumerate() {
+            let lbl = Lbl { sigma, lever_arm_body: [0.4, -0.15, 0.25], reference_buoy: 1, buoy_sigma: 0.0 };
+            let model = Model::Lbl(LblModel::new(ranges[index], buoys[index], 0.0, &lbl));
+            factors.push(Factor::new(Time(0), model, None, Kernel::None).of_epoch(1, index as u32, offset_sigma));
+        }
+        let mut rows = Rows::default();
+        let mut pushed = 0;
+        while pushed < factors.len() {
+            pushed += Factor::push_rows(&mut factors[pushed..], &state, &world, &mut rows);
+        }
+        let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
+        rows.assemble(&mut information, &mut right);
+        (rows.cost(&BlockVector::zeros()), information)
+    }
+
+    #[test]
+    fn raw_and_differenced_ranges_meet_the_golden_numbers_of_the_method() {
+        // The method gives sums of squares, a cost is half of one.
+        assert_relative_eq!(2.0 * golden_epoch(0.0).0, 50.6070419433, max_relative = 1e-8);
+        let (cost, information) = golden_epoch(f64::INFINITY);
+        assert_relative_eq!(2.0 * cost, 42.2256825493, max_relative = 1e-8);
+        let golden = [
+            (0, 0, 3.16088907327),
+            (0, 1, 2.77392176646),
+            (0, 2, -0.26406330932),
+            (1, 1, 18.007640609),
+            (1, 2, -2.2506629617),
+            (2, 2, 0.284662358024),
+        ];
+        for (row, column, expected) in golden {
+            assert_relative_eq!(information[(row, column)], expected, max_relative = 1e-9);
+        }
+    }
+}

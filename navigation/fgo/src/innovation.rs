@@ -77,6 +77,17 @@ impl Innovation {
     }
 }
 
+/// Median of the values (which are reordered); `None` if there is none. The first guess of a common offset, before any weight.
+pub fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    values.sort_unstable_by(f64::total_cmp);
+    match values.len() {
+        0 => None,
+        n if n % 2 == 1 => Some(values[middle]),
+        _ => Some(0.5 * (values[middle - 1] + values[middle])),
+    }
+}
+
 /// Refusals in a row of one sensor, ranges by whole epochs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Refusals {
@@ -131,6 +142,13 @@ mod tests {
         let innovation = |r: f64| Innovation::of(&[row(0, r)], &BlockVector::zeros(), &covariance);
         assert!(innovation(4.5).passes(Sensor::Lbl, 1), "measured shorter than predicted");
         assert!(!innovation(-4.5).passes(Sensor::Lbl, 1), "measured longer than predicted");
+    }
+
+    #[test]
+    fn the_median_stands_in_the_middle() {
+        assert_eq!(median(&mut []), None);
+        assert_eq!(median(&mut [3.0, -1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&mut [4.0, 1.0, 3.0, 2.0]), Some(2.5));
     }
 
     #[test]

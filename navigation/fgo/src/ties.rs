@@ -1,7 +1,6 @@
 //! From readings of the closing interval to factors on its keyframes: increments, gates, first weights, counts.
 
 use nav_models::preintegration::Preintegration;
-use nav_models::sensors::lbl_epoch::median;
 use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
 use shared_types::{
     AIDING, Config, FACTORS_MAX, FactorReport, Kernel, KeyframeReport, Measurement, Reading, RejectReason, SENSORS,
@@ -9,7 +8,7 @@ use shared_types::{
 };
 
 use crate::factor::{Factor, MeasuredRows, Model};
-use crate::innovation::{Innovation, Refusals};
+use crate::innovation::{Innovation, Refusals, median};
 use crate::interval::{ImuHistory, ImuModel, OpenInterval};
 use crate::kernels::Block;
 use crate::robust::{ImprobableShare, settle};

@@ -3,7 +3,6 @@
 pub mod dvl;
 pub mod gnss;
 pub mod lbl;
-pub mod lbl_epoch;
 pub mod mcp;
 pub mod ps;
 

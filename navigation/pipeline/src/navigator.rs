@@ -2,7 +2,7 @@
 
 use nav_models::estimator::{Effort, Estimator};
 use nav_models::propagator::Propagator;
-use nav_preprocessing::{ImuGate, ImuVerdict, OriginError, Preprocessor};
+use nav_preprocessing::{ImuGate, ImuVerdict, Preprocessor};
 use shared_types::{
     BuoyFix, Config, FrameOrigin, KeyframeReport, Measurement, NavEstimate, RawReading, RejectReason, SENSORS,
     SensorCounts, SensorHealth, Solution, Time,
@@ -79,15 +79,6 @@ impl Navigator {
     pub fn with_known_buoys(mut self, fixes: Vec<BuoyFix>) -> Navigator {
         self.preprocessor = self.preprocessor.with_known_buoys(fixes);
         self
-    }
-
-    /// Fixes the frame beforehand, as that of an earlier run.
-    ///
-    /// # Errors
-    /// [`OriginError`] when it is not a place on Earth.
-    pub fn with_origin(mut self, origin: FrameOrigin) -> Result<Navigator, OriginError> {
-        self.preprocessor = self.preprocessor.with_origin(origin)?;
-        Ok(self)
     }
 
     /// Takes one raw reading, in order of arrival.

@@ -7,14 +7,16 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::marker::PhantomData;
 use std::path::Path;
 
-use shared_types::{BuoyFix, LblRange, Time, Truth};
+use shared_types::{BuoyFix, ImuSample, LblRange, Time, Truth};
 
 use crate::error::LogError;
 use crate::rows::{LogRow, columns_of, parse_header, said_column, t_arrival_column};
 use crate::table::Table;
 
-/// What to do about an empty sensor file.
+/// What to do about an empty file of an aiding sensor.
 const MEND_EMPTY: &str = ", or delete the file: a missing file means that the sensor was not fitted";
+/// What to do about an empty `imu.csv`, which no log may lack.
+const MEND_EMPTY_IMU: &str = ": no log is without an IMU, so the recording was cut off or the file was overwritten";
 /// Ranges with one `t` that are counted ahead; an epoch of more has no known size.
 const EPOCH_MAX: usize = 256;
 
@@ -41,7 +43,8 @@ impl<R: LogRow> LogReader<R> {
     /// Opens the file of `R` in `dir` and checks its header; a missing file gives an empty reader.
     pub(crate) fn open(dir: &Path, order: Order) -> Result<LogReader<R>, LogError> {
         let file = dir.join(R::FILE);
-        let table = if file.exists() { Some(Table::open(&file, columns_of::<R>(), MEND_EMPTY)?) } else { None };
+        let mend = if R::FILE == ImuSample::FILE { MEND_EMPTY_IMU } else { MEND_EMPTY };
+        let table = if file.exists() { Some(Table::open(&file, columns_of::<R>(), mend)?) } else { None };
         Ok(LogReader { table, order, last: None, rows: 0, reads: PhantomData })
     }
 

@@ -31,6 +31,9 @@ pub struct Summary {
     pub estimates: u64,
     /// Keyframes solved.
     pub keyframes: u64,
+    /// Keyframes that gave no solution, for want of inertial samples or of a regular matrix.
+    #[serde(default)]
+    pub keyframes_unsolved: u64,
     /// Solver iterations over all keyframes.
     pub iterations: u64,
     /// CPU time per keyframe with a full window, µs.

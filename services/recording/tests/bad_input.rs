@@ -64,10 +64,12 @@ fn a_log_without_imu_says_what_is_missing() {
 fn an_empty_file_lacks_its_header() {
     assert_eq!(
         message(&log(&[("imu.csv", "")])),
-        "imu.csv:1: the file is empty; its first line must be `t,wx,wy,wz,fx,fy,fz`, or delete the file: a missing file \
-         means that the sensor was not fitted"
+        "imu.csv:1: the file is empty; its first line must be `t,wx,wy,wz,fx,fy,fz`: no log is without an IMU, so the \
+         recording was cut off or the file was overwritten"
     );
-    assert!(message(&log(&[("dvl.csv", "")])).starts_with("dvl.csv:1: the file is empty"));
+    let message = message(&log(&[("dvl.csv", "")]));
+    assert!(message.starts_with("dvl.csv:1: the file is empty"), "{message}");
+    assert!(message.ends_with("or delete the file: a missing file means that the sensor was not fitted"), "{message}");
 }
 
 #[test]

@@ -24,6 +24,8 @@ pub struct RunFacts {
     pub window: usize,
     /// Keyframes solved.
     pub keyframes: u64,
+    /// Keyframes that gave no solution.
+    pub keyframes_unsolved: u64,
     /// Over all keyframes.
     pub iterations: u64,
     /// CPU time per keyframe with a full window, ns.
@@ -129,6 +131,7 @@ impl ReplayOutput {
             speed: duration_s / wall_s,
             estimates,
             keyframes: facts.keyframes,
+            keyframes_unsolved: facts.keyframes_unsolved,
             iterations: facts.iterations,
             solve_us: solve_times(&facts.solve_ns),
             sensors: SENSORS
@@ -172,6 +175,9 @@ fn report(summary: &Summary, score: Option<&Score>) {
         "{:.1} s of data in {:.2} s ({:.0} times real time): {} estimates, {} keyframes",
         summary.duration_s, summary.wall_s, summary.speed, summary.estimates, summary.keyframes
     );
+    if summary.keyframes_unsolved > 0 {
+        eprintln!("{} keyframes gave no solution", summary.keyframes_unsolved);
+    }
     for (sensor, counts) in summary.sensors.iter().filter(|(_, counts)| !counts.rejected.is_empty()) {
         let reasons: Vec<String> = counts.rejected.iter().map(|(reason, count)| format!("{reason} {count}")).collect();
         eprintln!(

@@ -72,6 +72,7 @@ fn replay(
         estimator: config.navigator.estimator.name(),
         window: config.navigator.fgo.window,
         keyframes: 0,
+        keyframes_unsolved: 0,
         iterations: 0,
         solve_ns: Histogram::new_with_bounds(1, LONGEST_SOLVE, 3)
             .expect("1 < LONGEST_SOLVE / 2 and 3 digits are in bounds"),
@@ -100,6 +101,7 @@ fn replay(
     }
     navigator.finish(&mut clock, &mut sink);
     failed?;
+    facts.keyframes_unsolved = navigator.keyframe_errors();
     for sensor in SENSORS {
         let index = sensor.index();
         facts.received[index] = navigator.health()[index].received;

@@ -87,8 +87,16 @@ fn replay(log: &TempDir, out: &Path) -> Summary {
     counts[1].rejected[RejectReason::Gated.index()] = 3;
     let mut solve_ns = Histogram::new(3).unwrap();
     solve_ns.record(120_000).unwrap();
-    let facts =
-        RunFacts { estimator: "fgo", window: 20, keyframes: 300, iterations: 310, solve_ns, received: [9; 7], counts };
+    let facts = RunFacts {
+        estimator: "fgo",
+        window: 20,
+        keyframes: 300,
+        keyframes_unsolved: 0,
+        iterations: 310,
+        solve_ns,
+        received: [9; 7],
+        counts,
+    };
     output.finish(&facts).unwrap()
 }
 

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! κ = c_assumed/c_true − 1 is the error of the assumed sound speed. The paper differentiates through geodetic coordinates;
-//! with position and buoys in one Cartesian frame the unit vector says it all. Ranges of one epoch are joined, raw or as
-//! differences, in [`super::lbl_epoch`].
+//! with position and buoys in one Cartesian frame the unit vector says it all. How the ranges of one
+//! epoch are joined, raw or as differences, is the estimators' affair: they differ in what they keep of the common offset.
 
 use nalgebra::{SMatrix, SVector, Vector1, Vector3};
 use nav_geometry::so3;
