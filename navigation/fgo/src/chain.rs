@@ -90,6 +90,7 @@ impl<const N: usize> Link<N> {
     }
 
     /// What remains on the next keyframe when this one, the oldest, is marginalised.
+    #[inline(always)]
     pub fn marginal(&self) -> Marginal<N> {
         let mut information = Block::zeros();
         add_gram_transposed(&mut information, &self.y_transposed, -1.0);
@@ -99,6 +100,7 @@ impl<const N: usize> Link<N> {
     }
 
     /// Covariance of this keyframe as the newest of the chain: everything before it marginalised.
+    #[inline(always)]
     pub fn covariance(&self) -> Block<N> {
         inverse_from_cholesky(&self.factor)
     }

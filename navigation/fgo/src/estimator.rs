@@ -9,13 +9,14 @@
 //!
 //! §4.1 of the method. Before the first state the [`Initialiser`] listens instead.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, Vector3};
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
 use nav_models::initialisation::Initialiser;
 use nav_models::preintegration::{ImuPoint, Preintegration};
 use nav_models::state::NavState;
 use nav_models::transport::{transport, transport_jacobians};
+use nav_models::wide;
 use nav_models::world::WorldModel;
 use shared_types::{
     AIDING, Config, Duration, FACTORS_MAX, FactorReport, Header, KeyframeReport, Measurement, Reading, RejectReason,
@@ -128,13 +129,12 @@ impl FgoEstimator {
             self.history.forget_before(t - HISTORY_BEFORE_START);
         } else if self.open.t_start().is_some() {
             self.open.advance(&TimedPoint { t, point }, &self.imu);
-        } else {
-            self.open_interval();
         }
         Ok(())
     }
 
-    /// Starts the interval after the newest keyframe, if its samples have come.
+    /// Starts the interval after the newest keyframe, if its samples have come. Not at the end of the keyframe itself: its
+    /// solution need not wait for this.
     fn open_interval(&mut self) {
         let Some(newest) = self.window.as_ref().and_then(|window| window.nodes().back()) else { return };
         let state = newest.state;
@@ -156,7 +156,6 @@ impl FgoEstimator {
             }
         }
         self.history.forget_before(t);
-        self.open_interval();
         self.report = empty_report();
         Ok(Some(self.solution(t, SolveReport { converged: true, ..SolveReport::default() }, false)))
     }
@@ -175,7 +174,8 @@ impl FgoEstimator {
             self.open_interval();
         }
         let Some(window) = &mut self.window else { return Ok(None) };
-        let Some(whole) = self.open.up_to(t, &self.imu) else {
+        let mut side = Preintegration::new(Vector3::zeros(), Vector3::zeros());
+        let Some(&whole) = self.open.up_to(t, &self.imu, &mut side) else {
             return Err(EstimatorError::Unsolvable {
                 t,
                 reason: "no IMU samples reach from the last keyframe to this one",
@@ -224,7 +224,7 @@ impl FgoEstimator {
         if let Some(oldest) = window.nodes().front().map(|node| node.t) {
             self.history.forget_before(oldest);
         }
-        self.open_interval();
+        self.open.stop();
         if effort == Effort::Hold {
             return Ok(None);
         }
@@ -288,6 +288,8 @@ impl Estimator for FgoEstimator {
         };
         if !self.is_started {
             self.initialiser.push(measurement);
+        } else if self.open.t_start().is_none() {
+            self.open_interval();
         }
         match reading {
             Reading::Imu { gyro_body, accel_body } => {
@@ -309,6 +311,7 @@ impl Estimator for FgoEstimator {
                 Ok(None)
             }
             _ => {
+                self.open.want(measurement.t_valid(), &self.imu);
                 self.pending.push((*measurement, reading));
                 Ok(None)
             }
@@ -338,12 +341,15 @@ fn predict_covariance(
     let mut g = Block::<DIM>::identity();
     g.fixed_view_mut::<9, 9>(0, 0).copy_from(&jacobians.increment);
     let mut predicted = Block::<DIM>::zeros();
-    for (outer, inner) in [(f, *covariance), (g, increment.covariance())] {
-        let mut half = SMatrix::<f64, DIM, DIM>::zeros();
-        // outer · inner, inner being symmetric.
-        add_product_transposed(&mut half, &outer, &inner, 1.0);
-        add_product_transposed(&mut predicted, &half, &outer, 1.0);
-    }
+    let noise = increment.covariance();
+    wide(|| {
+        for (outer, inner) in [(&f, covariance), (&g, &noise)] {
+            let mut half = SMatrix::<f64, DIM, DIM>::zeros();
+            // outer · inner, inner being symmetric.
+            add_product_transposed(&mut half, outer, inner, 1.0);
+            add_product_transposed(&mut predicted, &half, outer, 1.0);
+        }
+    });
     predicted
 }
 

@@ -5,7 +5,7 @@
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 use nav_models::anchored::{Anchored, SensorModel};
-use nav_models::preintegration::Preintegration;
+use nav_models::preintegration::{Increment, Piece};
 use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
 use nav_models::state::NavState;
 use nav_models::world::WorldModel;
@@ -40,7 +40,7 @@ pub struct Factor {
     /// What was measured.
     pub model: Model,
     /// From the keyframe to that time; `None` at the keyframe itself.
-    pub increment: Option<Preintegration>,
+    pub increment: Option<Increment>,
     /// Robust kernel.
     pub kernel: Kernel,
     /// LBL epoch; 0 for others.
@@ -49,8 +49,8 @@ pub struct Factor {
     pub offset_sigma: f64,
     /// Number of the buoy; 0 for others.
     pub buoy: u32,
-    /// L⁻¹ with Λ = LLᵀ, once evaluated; the upper left corner counts.
-    whitening: Option<SMatrix<f64, ROWS_MAX, ROWS_MAX>>,
+    /// L⁻¹ with Λ = LLᵀ, from [`Factor::whiten`] on; the upper left corner counts.
+    whitening: SMatrix<f64, ROWS_MAX, ROWS_MAX>,
 }
 
 /// A covariance that cannot be inverted, or a prediction that is not a number.
@@ -85,8 +85,8 @@ const NO_ROW: Row = Row {
 
 impl Factor {
     /// A measurement at `t`.
-    pub fn new(t: Time, model: Model, increment: Option<Preintegration>, kernel: Kernel) -> Factor {
-        Factor { t, model, increment, kernel, epoch: 0, offset_sigma: 0.0, buoy: 0, whitening: None }
+    pub fn new(t: Time, model: Model, increment: Option<Increment>, kernel: Kernel) -> Factor {
+        Factor { t, model, increment, kernel, epoch: 0, offset_sigma: 0.0, buoy: 0, whitening: SMatrix::zeros() }
     }
 
     /// The same as one range of an epoch.
@@ -121,40 +121,69 @@ impl Factor {
         }
     }
 
-    /// Its whitened rows at a linearisation point of its keyframe.
+    /// Whitens it by its own noise and that of `piece`, from its keyframe to its time (`None` at the keyframe itself), for
+    /// as long as it lives; returns its rows.
     ///
     /// # Errors
     /// [`Unusable`]: the covariance is singular or a number is not finite.
-    pub fn rows(&mut self, linearised: &NavState, world: &WorldModel) -> Result<MeasuredRows, Unusable> {
+    pub fn whiten(
+        &mut self,
+        linearised: &NavState,
+        piece: Option<&Piece<'_>>,
+        world: &WorldModel,
+    ) -> Result<MeasuredRows, Unusable> {
         match self.model {
-            Model::Lbl(model) => self.rows_of(&model, linearised, world),
-            Model::Gnss(model) => self.rows_of(&model, linearised, world),
-            Model::Dvl(model) => self.rows_of(&model, linearised, world),
-            Model::Mcp(model) => self.rows_of(&model, linearised, world),
-            Model::Ps(model) => self.rows_of(&model, linearised, world),
+            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, world),
+            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, world),
+            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, world),
+            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, world),
+            Model::Ps(model) => self.whiten_as(&model, linearised, piece, world),
         }
     }
 
-    fn rows_of<const ROWS: usize>(
+    fn whiten_as<const ROWS: usize>(
         &mut self,
         model: &impl SensorModel<ROWS>,
         linearised: &NavState,
+        piece: Option<&Piece<'_>>,
         world: &WorldModel,
     ) -> Result<MeasuredRows, Unusable> {
-        let anchored = match &self.increment {
-            Some(increment) => Anchored::new(model, linearised, linearised, increment, world),
-            None => Anchored::at_keyframe(model, linearised, linearised, world),
-        };
-        let whitening = match &self.whitening {
-            Some(frozen) => frozen.fixed_view::<ROWS, ROWS>(0, 0).into_owned(),
-            None => {
-                let whitening = inverse_root(&anchored.covariance).ok_or(Unusable)?;
-                let mut frozen = SMatrix::<f64, ROWS_MAX, ROWS_MAX>::zeros();
-                frozen.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
-                self.whitening = Some(frozen);
-                whitening
-            }
-        };
+        let anchored = self.anchored(model, linearised, world);
+        let covariance = piece.map_or(anchored.covariance, |piece| anchored.inflated_covariance(piece));
+        let whitening = inverse_root(&covariance).ok_or(Unusable)?;
+        self.whitening = SMatrix::zeros();
+        self.whitening.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
+        self.whitened(&anchored)
+    }
+
+    /// Its rows at another linearisation point of its keyframe.
+    ///
+    /// # Errors
+    /// [`Unusable`]: a number is not finite.
+    pub fn rows(&self, linearised: &NavState, world: &WorldModel) -> Result<MeasuredRows, Unusable> {
+        match self.model {
+            Model::Lbl(model) => self.whitened(&self.anchored(&model, linearised, world)),
+            Model::Gnss(model) => self.whitened(&self.anchored(&model, linearised, world)),
+            Model::Dvl(model) => self.whitened(&self.anchored(&model, linearised, world)),
+            Model::Mcp(model) => self.whitened(&self.anchored(&model, linearised, world)),
+            Model::Ps(model) => self.whitened(&self.anchored(&model, linearised, world)),
+        }
+    }
+
+    fn anchored<const ROWS: usize>(
+        &self,
+        model: &impl SensorModel<ROWS>,
+        linearised: &NavState,
+        world: &WorldModel,
+    ) -> Anchored<ROWS> {
+        match &self.increment {
+            Some(increment) => Anchored::new(model, linearised, increment, world),
+            None => Anchored::at_keyframe(model, linearised, world),
+        }
+    }
+
+    fn whitened<const ROWS: usize>(&self, anchored: &Anchored<ROWS>) -> Result<MeasuredRows, Unusable> {
+        let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
         let residual: SVector<f64, ROWS> = whitening * anchored.residual;
         let jacobian: SMatrix<f64, ROWS, DIM> = whitening * anchored.jacobian;
         if !residual.iter().chain(jacobian.iter()).all(|x| x.is_finite()) {
@@ -170,15 +199,15 @@ impl Factor {
     }
 
     /// Evaluates the first group of `factors` anew and appends its rows. Returns how many factors the group has.
-    pub fn push_rows(factors: &mut [Factor], linearised: &NavState, world: &WorldModel, rows: &mut Rows) -> usize {
-        let Some(first) = factors.first().copied() else { return 0 };
+    pub fn push_rows(factors: &[Factor], linearised: &NavState, world: &WorldModel, rows: &mut Rows) -> usize {
+        let Some(first) = factors.first() else { return 0 };
         let members = if first.shares_offset() {
             factors.iter().take_while(|other| other.shares_offset() && other.epoch == first.epoch).count()
         } else {
             1
         };
         rows.open(first.group());
-        for factor in &mut factors[..members] {
+        for factor in &factors[..members] {
             // A factor that was usable once and no longer is (a heading near the vertical) says nothing meanwhile.
             if let Ok(measured) = factor.rows(linearised, world) {
                 rows.extend(measured.as_slice());
@@ -226,12 +255,14 @@ mod tests {
         for (index, sigma) in [0.3, 0.3, 0.4, 0.5].into_iter().enumerate() {
             let lbl = Lbl { sigma, lever_arm_body: [0.4, -0.15, 0.25], reference_buoy: 1, buoy_sigma: 0.0 };
             let model = Model::Lbl(LblModel::new(ranges[index], buoys[index], 0.0, &lbl));
-            factors.push(Factor::new(Time(0), model, None, Kernel::None).of_epoch(1, index as u32, offset_sigma));
+            let mut factor = Factor::new(Time(0), model, None, Kernel::None).of_epoch(1, index as u32, offset_sigma);
+            factor.whiten(&state, None, &world).expect("regular");
+            factors.push(factor);
         }
         let mut rows = Rows::default();
         let mut pushed = 0;
         while pushed < factors.len() {
-            pushed += Factor::push_rows(&mut factors[pushed..], &state, &world, &mut rows);
+            pushed += Factor::push_rows(&factors[pushed..], &state, &world, &mut rows);
         }
         let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
         rows.assemble(&mut information, &mut right);

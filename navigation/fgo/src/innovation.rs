@@ -6,7 +6,7 @@
 use nalgebra::{Cholesky, SMatrix, SVector};
 use shared_types::{Kernel, Sensor, Time};
 
-use crate::kernels::{Block, BlockVector};
+use crate::kernels::{Block, BlockVector, add_times_transposed, dot};
 use crate::robust::{gate_threshold, weight};
 use crate::rows::{DIM, Row};
 
@@ -36,9 +36,10 @@ impl Innovation {
         let mut state_share = 0.0;
         for (i, row) in rows.iter().enumerate() {
             innovation[i] = row.after(delta);
-            let projected = covariance * row.jacobian;
+            let mut projected = BlockVector::zeros();
+            add_times_transposed(&mut projected, covariance, &row.jacobian, 1.0);
             for (j, other) in rows.iter().enumerate().take(i + 1) {
-                let value = other.jacobian.dot(&projected);
+                let value = dot(&other.jacobian, &projected);
                 s[(i, j)] += value;
                 if i != j {
                     s[(j, i)] += value;

@@ -10,6 +10,9 @@ use nav_models::preintegration::{ImuPoint, Preintegration};
 use nav_models::propagator::{GAP_INFLATION, LONG_GAP_INFLATION};
 use shared_types::{Duration, ImuGateConfig, ImuNoise, Time};
 
+/// Times between samples that are prepared in advance; an interval holds some tens of readings.
+const WANTED_MAX: usize = 256;
+
 /// What integrating a step needs to know of the instrument.
 #[derive(Clone, Debug)]
 pub struct ImuModel {
@@ -150,9 +153,18 @@ fn interpolate(first: &TimedPoint, second: &TimedPoint, t: Time) -> ImuPoint {
 }
 
 /// The interval since the newest keyframe, preintegrated as far as samples have come.
+///
+/// Besides the prefix up to every sample it keeps those up to the times that were asked for with [`OpenInterval::want`]:
+/// a reading's side step is done when its samples arrive, and the keyframe finds it ready.
 #[derive(Clone, Debug)]
 pub struct OpenInterval {
     prefixes: Vec<Prefix>,
+    /// Times between samples from the keyframe on, each once, in the order of their asking.
+    wanted: Vec<Time>,
+    /// Prefixes up to wanted times that samples have passed.
+    sides: Vec<Preintegration>,
+    /// The times of `sides`.
+    side_times: Vec<Time>,
 }
 
 #[derive(Clone, Debug)]
@@ -174,6 +186,10 @@ impl OpenInterval {
     ) -> Option<()> {
         let point = history.at(t_keyframe)?;
         self.prefixes.clear();
+        // What was wanted after this keyframe has been integrated from the one before.
+        self.wanted.append(&mut self.side_times);
+        self.sides.clear();
+        self.wanted.retain(|&t| t > t_keyframe);
         self.prefixes.push(Prefix {
             sample: TimedPoint { t: t_keyframe, point },
             increment: Preintegration::new(*accel_bias, *gyro_bias),
@@ -186,7 +202,17 @@ impl OpenInterval {
 
     /// An interval that has not been started, with room for `capacity` samples.
     pub fn with_capacity(capacity: usize) -> OpenInterval {
-        OpenInterval { prefixes: Vec::with_capacity(capacity) }
+        OpenInterval {
+            prefixes: Vec::with_capacity(capacity),
+            wanted: Vec::with_capacity(WANTED_MAX),
+            sides: Vec::with_capacity(WANTED_MAX),
+            side_times: Vec::with_capacity(WANTED_MAX),
+        }
+    }
+
+    /// Ends it: another is to be started before samples are taken in again.
+    pub fn stop(&mut self) {
+        self.prefixes.clear();
     }
 
     /// Takes in the next sample. Does nothing before [`OpenInterval::start`].
@@ -199,6 +225,49 @@ impl OpenInterval {
             next.sample = *sample;
             next.increment.step(&model.noise, dt.as_seconds(), &last.sample.point, &sample.point, model.inflation(dt));
         }
+        let mut index = 0;
+        while index < self.wanted.len() {
+            if self.wanted[index] <= sample.t {
+                let t = self.wanted.swap_remove(index);
+                self.side_step(t, model);
+            } else {
+                index += 1;
+            }
+        }
+    }
+
+    /// Asks for the prefix up to `t` in advance. One that is not wanted in time, or for which there is no room, is made
+    /// when it is needed.
+    pub fn want(&mut self, t: Time, model: &ImuModel) {
+        let is_known = self.wanted.contains(&t) || self.side_times.contains(&t);
+        if is_known || self.wanted.len() + self.sides.len() >= WANTED_MAX {
+            return;
+        }
+        let Some(newest) = self.prefixes.last() else { return };
+        if t > newest.sample.t {
+            self.wanted.push(t);
+        } else {
+            self.side_step(t, model);
+        }
+    }
+
+    fn side_step(&mut self, t: Time, model: &ImuModel) {
+        if let Some((before, next)) = self.around(t) {
+            let (from, at, inflation) = side_of(before, next, t, model);
+            // Made in its place, as above.
+            self.sides.push(before.increment);
+            self.side_times.push(t);
+            if let Some(side) = self.sides.last_mut() {
+                side.step(&model.noise, (t - from.t).as_seconds(), &from.point, &at, inflation);
+            }
+        }
+    }
+
+    /// Prefixes right before and right after `t`; `None` at a sample or outside the interval.
+    fn around(&self, t: Time) -> Option<(&Prefix, &Prefix)> {
+        let after = self.prefixes.partition_point(|prefix| prefix.sample.t <= t);
+        let (before, next) = (self.prefixes.get(after.checked_sub(1)?)?, self.prefixes.get(after)?);
+        (before.sample.t < t).then_some((before, next))
     }
 
     /// Keyframe at which it starts.
@@ -206,19 +275,25 @@ impl OpenInterval {
         self.prefixes.first().map(|prefix| prefix.sample.t)
     }
 
-    /// Preintegration from the keyframe to `t`; `None` before the keyframe or beyond the newest sample.
-    pub fn up_to(&self, t: Time, model: &ImuModel) -> Option<Preintegration> {
-        let after = self.prefixes.partition_point(|prefix| prefix.sample.t <= t);
-        let before = self.prefixes.get(after.checked_sub(1)?)?;
-        if before.sample.t == t {
-            return Some(before.increment);
+    /// Preintegration from the keyframe to `t`, made in `side` if it was not wanted in time; `None` before the keyframe or
+    /// beyond the newest sample.
+    pub fn up_to<'a>(&'a self, t: Time, model: &ImuModel, side: &'a mut Preintegration) -> Option<&'a Preintegration> {
+        if let Some(ready) = self.side_times.iter().position(|&ready| ready == t) {
+            return self.sides.get(ready);
         }
-        let next = self.prefixes.get(after)?;
-        let mut increment = before.increment;
-        let at = interpolate(&before.sample, &next.sample, t);
-        // The side step is a share of a step that may itself bridge a gap.
-        let inflation = model.inflation(next.sample.t - before.sample.t);
-        increment.step(&model.noise, (t - before.sample.t).as_seconds(), &before.sample.point, &at, inflation);
-        Some(increment)
+        if let Ok(at) = self.prefixes.binary_search_by_key(&t, |prefix| prefix.sample.t) {
+            return self.prefixes.get(at).map(|prefix| &prefix.increment);
+        }
+        let (before, next) = self.around(t)?;
+        let (from, at, inflation) = side_of(before, next, t, model);
+        side.clone_from(&before.increment);
+        side.step(&model.noise, (t - from.t).as_seconds(), &from.point, &at, inflation);
+        Some(side)
     }
+}
+
+/// Start, end and inflation of the step from a prefix to `t`: it is a share of a step that may itself bridge a gap.
+fn side_of(before: &Prefix, next: &Prefix, t: Time, model: &ImuModel) -> (TimedPoint, ImuPoint, f64) {
+    let at = interpolate(&before.sample, &next.sample, t);
+    (before.sample, at, model.inflation(next.sample.t - before.sample.t))
 }

@@ -148,6 +148,24 @@ pub fn add_times_transposed<const N: usize, const R: usize>(
     target.data.0[0] = sum;
 }
 
+/// aᵀb, summed in four strands, so that one addition need not wait for the last.
+#[inline(always)]
+pub fn dot<const N: usize>(a: &BlockVector<N>, b: &BlockVector<N>) -> f64 {
+    const STRANDS: usize = 4;
+    let (a, b) = (&a.data.0[0], &b.data.0[0]);
+    let mut strands = [0.0; STRANDS];
+    let whole = N - N % STRANDS;
+    for first in (0..whole).step_by(STRANDS) {
+        for strand in 0..STRANDS {
+            strands[strand] += a[first + strand] * b[first + strand];
+        }
+    }
+    for i in whole..N {
+        strands[i - whole] += a[i] * b[i];
+    }
+    (strands[0] + strands[1]) + (strands[2] + strands[3])
+}
+
 /// target −= X δ for X given transposed.
 #[inline(always)]
 pub fn subtract_times<const N: usize, const R: usize>(
@@ -156,12 +174,8 @@ pub fn subtract_times<const N: usize, const R: usize>(
     delta: &BlockVector<N>,
 ) {
     for r in 0..R {
-        let x = &xt.data.0[r];
-        let mut sum = 0.0;
-        for n in 0..N {
-            sum += x[n] * delta.data.0[0][n];
-        }
-        target.data.0[0][r] -= sum;
+        let column = BlockVector::<N>::from_array_storage(nalgebra::ArrayStorage([xt.data.0[r]]));
+        target.data.0[0][r] -= dot(&column, delta);
     }
 }
 
@@ -222,6 +236,8 @@ mod tests {
         let mut sum = BlockVector::<15>::zeros();
         add_times_transposed(&mut sum, &a.transpose(), &v, 1.0);
         assert!((sum - a.transpose() * v).amax() < 1e-13);
+        let w = BlockVector::<15>::from_fn(|i, _| 0.3 * i as f64 - 1.0);
+        assert!((dot(&sum, &w) - sum.dot(&w)).abs() < 1e-13);
         let mut reduced = v;
         subtract_times(&mut reduced, &a.transpose(), &BlockVector::<15>::repeat(1.0));
         assert!((reduced - (v - a * BlockVector::<15>::repeat(1.0))).amax() < 1e-13);

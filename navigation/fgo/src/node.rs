@@ -4,13 +4,14 @@ use nalgebra::Vector3;
 use nav_models::inertial::{ImuFactor, ImuWeight, NotPositiveDefinite};
 use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState, POSITION, VELOCITY};
+use nav_models::wide;
 use nav_models::world::WorldModel;
 use shared_types::Time;
 
 use crate::chain::Link;
 use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
-use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed};
+use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed, dot};
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Rows};
 
@@ -111,24 +112,28 @@ impl Interval {
 
     /// Linearises between two keyframes. Does nothing on an open interval.
     pub fn linearise(&mut self, near: &NavState, far: &NavState, world: &WorldModel) {
-        let Some(Closed { factor, weight, .. }) = &self.closed else { return };
-        let jacobians = factor.jacobians(near, far, world);
-        // Whitened and transposed: (W J)ᵀ = Jᵀ Wᵀ, one column per row of W J.
-        let mut near_transposed = Block::zeros();
-        let mut far_transposed = Block::zeros();
-        add_product_transposed(&mut near_transposed, &jacobians.from.transpose(), &weight.whitener, 1.0);
-        add_product_transposed(&mut far_transposed, &jacobians.to.transpose(), &weight.whitener, 1.0);
-        let mut residual = BlockVector::zeros();
-        add_times_transposed(&mut residual, &weight.whitener, &factor.residual(near, far, world), 1.0);
-        self.near = (Block::zeros(), BlockVector::zeros());
-        self.far = (Block::zeros(), BlockVector::zeros());
-        self.coupling_transposed = Block::zeros();
-        add_gram_transposed(&mut self.near.0, &near_transposed, 1.0);
-        add_gram_transposed(&mut self.far.0, &far_transposed, 1.0);
-        add_product_transposed(&mut self.coupling_transposed, &far_transposed, &near_transposed, 1.0);
-        add_times_transposed(&mut self.near.1, &near_transposed, &residual, -1.0);
-        add_times_transposed(&mut self.far.1, &far_transposed, &residual, -1.0);
-        self.cost = 0.5 * residual.norm_squared();
+        let Some(Closed { factor, weight, .. }) = self.closed.as_ref() else { return };
+        let (at_linearised, jacobians) = factor.residual_and_jacobians(near, far, world);
+        let whitener = &weight.whitener;
+        let Interval { near, far, coupling_transposed, cost, closed: _ } = self;
+        wide(|| {
+            // Whitened and transposed: (W J)ᵀ = Jᵀ Wᵀ, one column per row of W J.
+            let mut near_transposed = Block::zeros();
+            let mut far_transposed = Block::zeros();
+            add_product_transposed(&mut near_transposed, &jacobians.from.transpose(), whitener, 1.0);
+            add_product_transposed(&mut far_transposed, &jacobians.to.transpose(), whitener, 1.0);
+            let mut residual = BlockVector::zeros();
+            add_times_transposed(&mut residual, whitener, &at_linearised, 1.0);
+            *near = (Block::zeros(), BlockVector::zeros());
+            *far = (Block::zeros(), BlockVector::zeros());
+            *coupling_transposed = Block::zeros();
+            add_gram_transposed(&mut near.0, &near_transposed, 1.0);
+            add_gram_transposed(&mut far.0, &far_transposed, 1.0);
+            add_product_transposed(coupling_transposed, &far_transposed, &near_transposed, 1.0);
+            add_times_transposed(&mut near.1, &near_transposed, &residual, -1.0);
+            add_times_transposed(&mut far.1, &far_transposed, &residual, -1.0);
+            *cost = 0.5 * dot(&residual, &residual);
+        });
     }
 }
 
@@ -171,16 +176,24 @@ impl Node {
         self.rows.clear();
         let mut index = 0;
         while index < self.factors.len() {
-            index += Factor::push_rows(&mut self.factors[index..], &self.linearised, world, &mut self.rows);
+            index += Factor::push_rows(&self.factors[index..], &self.linearised, world, &mut self.rows);
         }
-        self.rows.refresh_weights(&self.delta, 0.0);
+        self.refresh_weights(0.0);
         self.assemble_sensors();
     }
 
     /// Sums the rows at their weights.
     pub fn assemble_sensors(&mut self) {
         self.sensors = (Block::zeros(), BlockVector::zeros());
-        self.rows.assemble(&mut self.sensors.0, &mut self.sensors.1);
+        let Node { rows, sensors: (information, right), .. } = self;
+        wide(|| rows.assemble(information, right));
+    }
+
+    /// Takes robust weights from the residuals at the present estimate where they differ by more than `tolerance`. Returns
+    /// whether any changed.
+    pub fn refresh_weights(&mut self, tolerance: f64) -> bool {
+        let Node { rows, delta, .. } = self;
+        wide(|| rows.refresh_weights(delta, tolerance))
     }
 
     /// Takes a new total step. Says whether older states feel the change.
@@ -221,7 +234,7 @@ impl Node {
                 && increment.needs_reintegration(&accel_bias, &gyro_bias)
                 && let Some(anew) = history.integrate(self.t, factor.t, &accel_bias, &gyro_bias, imu)
             {
-                factor.increment = Some(anew);
+                factor.increment = Some(anew.increment);
             }
         }
     }

@@ -99,6 +99,48 @@ pub fn loss(kernel: Kernel, s: f64) -> f64 {
     }
 }
 
+/// A sum of [`loss`]es. Those of one Cauchy kernel, c² ln(1 + s/c²), share a logarithm: their arguments are multiplied.
+#[derive(Clone, Copy, Debug)]
+pub struct Losses {
+    sum: f64,
+    /// c² of the product.
+    square: f64,
+    product: f64,
+}
+
+impl Default for Losses {
+    fn default() -> Self {
+        Losses { sum: 0.0, square: 1.0, product: 1.0 }
+    }
+}
+
+impl Losses {
+    /// Beyond this the logarithm is taken, far from what a product could overflow by.
+    const PRODUCT_MAX: f64 = 1e100;
+
+    /// Adds the loss of a block whose squared whitened norm is `s`.
+    #[inline]
+    pub fn add(&mut self, kernel: Kernel, s: f64) {
+        match kernel {
+            Kernel::Cauchy(c) | Kernel::AdaptiveCauchy(c) => {
+                let square = c * c;
+                // Written so that an argument that is no number, or infinite, ends in the sum.
+                if !(square == self.square && self.product < Self::PRODUCT_MAX) {
+                    self.sum += self.square * self.product.ln();
+                    (self.square, self.product) = (square, 1.0);
+                }
+                self.product *= 1.0 + s / square;
+            }
+            _ => self.sum += loss(kernel, s),
+        }
+    }
+
+    /// What was added.
+    pub fn sum(&self) -> f64 {
+        self.sum + self.square * self.product.ln()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,6 +153,21 @@ mod tests {
                 assert!((numeric - weight(kernel, s)).abs() < 1e-8, "{kernel:?} at {s}");
             }
         }
+    }
+
+    #[test]
+    fn losses_added_together_are_their_sum() {
+        let kernels =
+            [Kernel::Cauchy(2.0), Kernel::Cauchy(2.0), Kernel::Cauchy(2.385), Kernel::None, Kernel::Huber(1.3)];
+        let (mut losses, mut expected) = (Losses::default(), 0.0);
+        for k in 0..2000 {
+            let (kernel, s) = (kernels[k % 5], 10f64.powi(k as i32 % 9 - 2));
+            losses.add(kernel, s);
+            expected += loss(kernel, s);
+        }
+        assert!((losses.sum() - expected).abs() < 1e-11 * expected);
+        losses.add(Kernel::Cauchy(2.0), f64::NAN);
+        assert!(losses.sum().is_nan());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! From readings of the closing interval to factors on its keyframes: increments, gates, first weights, counts.
 
-use nav_models::preintegration::Preintegration;
+use nalgebra::Vector3;
+use nav_models::preintegration::{Piece, Preintegration};
 use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
 use shared_types::{
     AIDING, Config, FACTORS_MAX, FactorReport, Kernel, KeyframeReport, Measurement, Reading, RejectReason, SENSORS,
@@ -56,6 +57,8 @@ pub struct Ties {
     epoch: Vec<Candidate>,
     epoch_factors: Vec<Factor>,
     epoch_rows: Vec<Row>,
+    /// Room for a piece that has to be integrated.
+    side: Preintegration,
     /// Used and refused since the start.
     pub counts: [SensorCounts; SENSORS.len()],
     /// Newest used measurement per aiding sensor.
@@ -72,6 +75,7 @@ impl Ties {
             epoch: Vec::with_capacity(EPOCH_MAX),
             epoch_factors: Vec::with_capacity(EPOCH_MAX),
             epoch_rows: Vec::with_capacity(EPOCH_MAX),
+            side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
             counts: [SensorCounts::default(); SENSORS.len()],
             t_last_used: [Time::MIN; AIDING.len()],
         }
@@ -171,7 +175,9 @@ impl Ties {
         let vehicle = &self.config.vehicle;
         let t = measurement.t_valid();
         let node = &window.nodes()[index];
-        let increment = increment_to(t, index, window, closing)?;
+        let side = &mut self.side;
+        let piece = piece_to(t, index, window, closing, side)?;
+        let increment = piece.as_ref().map(|piece| *piece.increment());
         let model = match *reading {
             Reading::Lbl { range, buoy_enu, buoy_sigma, .. } => {
                 Model::Lbl(LblModel::new(range, buoy_enu, buoy_sigma, &vehicle.lbl))
@@ -200,7 +206,7 @@ impl Ties {
         if let Reading::Lbl { buoy, epoch, .. } = *reading {
             factor = factor.of_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
         }
-        let rows = factor.rows(&node.linearised, world).map_err(|_| RejectReason::NotFinite)?;
+        let rows = factor.whiten(&node.linearised, piece.as_ref(), world).map_err(|_| RejectReason::NotFinite)?;
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
         let covariance =
             if index + 2 == window.nodes().len() { closing.covariance_before } else { closing.covariance_newest };
@@ -263,13 +269,14 @@ impl Ties {
     }
 }
 
-/// The increment from keyframe `index` to `t`; `None` where they coincide.
-fn increment_to(
+/// The piece from keyframe `index` to `t`, with `side` as room for what has to be integrated; `None` where they coincide.
+fn piece_to<'a>(
     t: Time,
     index: usize,
     window: &Window,
-    closing: &Closing<'_>,
-) -> Result<Option<Preintegration>, RejectReason> {
+    closing: &Closing<'a>,
+    side: &'a mut Preintegration,
+) -> Result<Option<Piece<'a>>, RejectReason> {
     let nodes = window.nodes();
     let node = &nodes[index];
     if t == node.t {
@@ -278,16 +285,14 @@ fn increment_to(
     let newest = nodes.len() - 1;
     let is_inside = newest > 0 && t > nodes[newest - 1].t && t < nodes[newest].t;
     if is_inside && index + 1 >= newest {
-        let prefix = closing.open.up_to(t, closing.imu).ok_or(RejectReason::NoImu)?;
-        return Ok(Some(if index == newest {
-            Preintegration::piece_from_prefixes(&prefix, closing.whole).reversed()
-        } else {
-            prefix
-        }));
+        let prefix = closing.open.up_to(t, closing.imu, side).ok_or(RejectReason::NoImu)?;
+        let is_backward = index == newest;
+        return Ok(Some(if is_backward { Piece::backward(prefix, closing.whole) } else { Piece::Forward(prefix) }));
     }
     let biases = (&node.state.accel_bias, &node.state.gyro_bias);
-    let increment = closing.history.integrate(node.t, t, biases.0, biases.1, closing.imu);
-    increment.map(Some).ok_or(if t < nodes[0].t { RejectReason::OlderThanWindow } else { RejectReason::NoImu })
+    let integrated = closing.history.integrate(node.t, t, biases.0, biases.1, closing.imu);
+    *side = integrated.ok_or(if t < nodes[0].t { RejectReason::OlderThanWindow } else { RejectReason::NoImu })?;
+    Ok(Some(Piece::Forward(side)))
 }
 
 fn list_candidate(report: &mut KeyframeReport, candidate: &Candidate, weight: f64, refused: bool) {

@@ -14,13 +14,16 @@ use std::collections::VecDeque;
 use nav_geometry::so3;
 use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState};
+use nav_models::wide;
 use nav_models::world::WorldModel;
 use shared_types::{FgoConfig, Time};
 
 use crate::chain::Marginal;
 use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
-use crate::kernels::{Block, BlockVector, NotPositiveDefinite, cholesky, inverse_from_cholesky};
+use crate::kernels::{
+    Block, BlockVector, NotPositiveDefinite, add_times_transposed, cholesky, dot, inverse_from_cholesky,
+};
 use crate::node::{Node, lengths};
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Row};
@@ -130,7 +133,7 @@ impl Window {
             return;
         }
         let Some(oldest) = self.nodes.pop_front() else { return };
-        let Marginal { information, right } = oldest.link.marginal();
+        let Marginal { information, right } = wide(|| oldest.link.marginal());
         self.prior =
             Marginal { information: oldest.interval.far.0 + information, right: oldest.interval.far.1 + right };
         self.prior_is_marginal = true;
@@ -230,7 +233,7 @@ impl Window {
         let nodes = self.nodes.make_contiguous();
         for index in self.dirty..nodes.len() {
             let (before, rest) = nodes.split_at_mut(index);
-            rest[0].link.sweep(before.last().map(|node| &node.link), damping)?;
+            wide(|| rest[0].link.sweep(before.last().map(|node| &node.link), damping))?;
             report.swept += 1;
         }
         Ok(())
@@ -260,7 +263,7 @@ impl Window {
         let mut next: Option<BlockVector<DIM>> = None;
         for index in (0..self.nodes.len()).rev() {
             let node = &mut self.nodes[index];
-            let delta = node.link.substitute(next.as_ref());
+            let delta = wide(|| node.link.substitute(next.as_ref()));
             let is_felt = node.take_step(delta);
             if !is_felt && index <= first_changed {
                 return index;
@@ -280,8 +283,7 @@ impl Window {
                 changed = true;
             } else {
                 let node = &mut self.nodes[index];
-                let delta = node.delta;
-                if node.rows.refresh_weights(&delta, WEIGHT_TOLERANCE) {
+                if node.refresh_weights(WEIGHT_TOLERANCE) {
                     node.assemble_sensors();
                     self.dirty = self.dirty.min(index);
                     changed = true;
@@ -330,7 +332,8 @@ impl Window {
 
     /// Covariance of the newest keyframe. `None` before the first solve.
     pub fn newest_covariance(&self) -> Option<Block<DIM>> {
-        let covariance = self.nodes.back()?.link.covariance();
+        let newest = self.nodes.back()?;
+        let covariance = wide(|| newest.link.covariance());
         covariance.iter().all(|x| x.is_finite()).then_some(covariance)
     }
 
@@ -341,8 +344,8 @@ impl Window {
         let first = self.uncounted.saturating_sub(1);
         for index in first..self.nodes.len() {
             let node = &self.nodes[index];
-            let inertial = self.nodes.get(index + 1).map_or(0.0, |next| interval_cost(node, next));
-            let cost = node.rows.cost(&node.delta) + inertial;
+            let inertial = self.nodes.get(index + 1).map_or(0.0, |next| wide(|| interval_cost(node, next)));
+            let cost = wide(|| node.rows.cost(&node.delta)) + inertial;
             self.nodes[index].cost = cost;
         }
         self.uncounted = self.nodes.len();
@@ -351,11 +354,14 @@ impl Window {
 }
 
 /// ½‖r + J δ‖² of one interval from its normal equations.
+#[inline(always)]
 fn interval_cost(near: &Node, far: &Node) -> f64 {
     let interval = &near.interval;
-    let quadratic = near.delta.dot(&(interval.near.0 * near.delta))
-        + far.delta.dot(&(interval.far.0 * far.delta))
-        + 2.0 * far.delta.dot(&(interval.coupling_transposed * near.delta));
-    let linear = interval.near.1.dot(&near.delta) + interval.far.1.dot(&far.delta);
-    (interval.cost + 0.5 * quadratic - linear).max(0.0)
+    // ½δᵀAδ − gᵀδ as ½δᵀ(Aδ − 2g), and A is symmetric; the coupling is held transposed.
+    let (mut near_slope, mut far_slope) = (interval.near.1 * -2.0, interval.far.1 * -2.0);
+    add_times_transposed(&mut near_slope, &interval.near.0, &near.delta, 1.0);
+    add_times_transposed(&mut far_slope, &interval.far.0, &far.delta, 1.0);
+    add_times_transposed(&mut far_slope, &interval.coupling_transposed, &near.delta, 2.0);
+    let twice = dot(&near_slope, &near.delta) + dot(&far_slope, &far.delta);
+    (interval.cost + 0.5 * twice).max(0.0)
 }

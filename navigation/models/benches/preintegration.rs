@@ -6,7 +6,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{UnitQuaternion, Vector3};
 use nav_geometry::{Geodetic, GravityModel, LocalFrame};
 use nav_models::sensors::{DvlModel, PsModel};
-use nav_models::{Anchored, ImuFactor, ImuPoint, NavState, Preintegration, Propagator, WorldModel, transport};
+use nav_models::{Anchored, ImuFactor, ImuPoint, NavState, Piece, Preintegration, Propagator, WorldModel, transport};
 use shared_types::{Config, Header, ImuSample, Solution, SolutionStatus, Time};
 
 fn point(phase: f64) -> ImuPoint {
@@ -48,7 +48,7 @@ fn benches(criterion: &mut Criterion) {
         b.iter(|| running.step_mean(0.005, black_box(&first), black_box(&second)));
     });
     criterion.bench_function("backward_piece", |b| {
-        b.iter(|| Preintegration::piece_from_prefixes(black_box(&whole), black_box(&whole)).reversed());
+        b.iter(|| *Piece::backward(black_box(&whole), black_box(&whole)).increment());
     });
     criterion.bench_function("transport", |b| b.iter(|| transport(black_box(&state), &whole, &world)));
     let factor = ImuFactor::new(whole);
@@ -59,11 +59,11 @@ fn benches(criterion: &mut Criterion) {
     criterion.bench_function("imu_weight", |b| b.iter(|| black_box(&factor).weight()));
     let dvl = DvlModel::new([1.0; 3], first.gyro_body, &config.vehicle.dvl, &config.vehicle.imu, 0.005);
     criterion.bench_function("anchored_dvl", |b| {
-        b.iter(|| Anchored::new(&dvl, black_box(&state), &state, &whole, &world));
+        b.iter(|| Anchored::new(&dvl, black_box(&state), &whole, &world));
     });
     let ps = PsModel::new(55.0, &config.vehicle);
     criterion.bench_function("anchored_ps", |b| {
-        b.iter(|| Anchored::new(&ps, black_box(&state), &state, &whole, &world));
+        b.iter(|| Anchored::new(&ps, black_box(&state), &whole, &world));
     });
     criterion.bench_function("propagator_advance", |b| {
         let mut propagator = Propagator::new(&config);

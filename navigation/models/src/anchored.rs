@@ -10,9 +10,9 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::preintegration::Preintegration;
+use crate::preintegration::{Increment, NoiseRows, Piece};
 use crate::state::{ERROR_DIM, GYRO_BIAS, NavState};
-use crate::transport::{TransportJacobians, transport, transport_jacobians};
+use crate::transport::Carried;
 use crate::world::WorldModel;
 
 /// What a sensor sees of the state at its own time. `ROWS` residuals; no model whitens, weighs or gates.
@@ -39,66 +39,58 @@ pub struct Anchored<const ROWS: usize> {
     pub residual: SVector<f64, ROWS>,
     /// With respect to the 15 error coordinates of the keyframe.
     pub jacobian: SMatrix<f64, ROWS, ERROR_DIM>,
-    /// Λ: the reading's own covariance and that of the increment.
+    /// R_z, the reading's own covariance.
     pub covariance: SMatrix<f64, ROWS, ROWS>,
+    /// Q: how it feels the noise of the increment.
+    pub noise_rows: NoiseRows<ROWS>,
 }
 
 impl<const ROWS: usize> Anchored<ROWS> {
-    /// The factor of a reading at the end of `increment`, which begins at the keyframe `state`. Residual and covariance
-    /// belong to `state`, the Jacobian to `linearisation` (the same state, or the first estimate of it).
+    /// The factor of a reading at the end of `increment`, which begins at the keyframe `state`.
+    #[inline]
     pub fn new(
         model: &impl SensorModel<ROWS>,
         state: &NavState,
-        linearisation: &NavState,
-        increment: &Preintegration,
+        increment: &Increment,
         world: &WorldModel,
     ) -> Anchored<ROWS> {
-        let at_reading = transport(state, increment, world);
-        let residual = model.residual(&at_reading, world);
-        let r_z = model.covariance(&at_reading, world);
-        let linearised_at_reading =
-            if linearisation == state { at_reading } else { transport(linearisation, increment, world) };
-        let h = model.jacobian(&linearised_at_reading, world);
-        let jacobians = transport_jacobians(linearisation, increment, world);
-        let (jacobian, covariance) = compose(&h, model.gyro_bias_jacobian().as_ref(), &r_z, &jacobians, increment);
-        Anchored { residual, jacobian, covariance }
+        let carried = Carried::new(state, increment, world);
+        let at_reading = carried.state(state);
+        let (mut jacobian, by_increment) = carried.rows(&model.jacobian(&at_reading, world));
+        let by_gyro = model.gyro_bias_jacobian();
+        if let Some(direct) = &by_gyro {
+            let mut columns = jacobian.fixed_columns_mut::<3>(GYRO_BIAS);
+            columns += direct;
+        }
+        Anchored {
+            residual: model.residual(&at_reading, world),
+            jacobian,
+            covariance: model.covariance(&at_reading, world),
+            noise_rows: NoiseRows { by_increment, by_gyro },
+        }
     }
 
     /// The factor of a reading taken at the keyframe itself.
-    pub fn at_keyframe(
-        model: &impl SensorModel<ROWS>,
-        state: &NavState,
-        linearisation: &NavState,
-        world: &WorldModel,
-    ) -> Anchored<ROWS> {
-        let h = model.jacobian(linearisation, world);
+    #[inline]
+    pub fn at_keyframe(model: &impl SensorModel<ROWS>, state: &NavState, world: &WorldModel) -> Anchored<ROWS> {
+        let h = model.jacobian(state, world);
         let mut jacobian = SMatrix::<f64, ROWS, ERROR_DIM>::zeros();
         jacobian.fixed_columns_mut::<9>(0).copy_from(&h);
         if let Some(direct) = model.gyro_bias_jacobian() {
             jacobian.fixed_columns_mut::<3>(GYRO_BIAS).copy_from(&direct);
         }
-        Anchored { residual: model.residual(state, world), jacobian, covariance: model.covariance(state, world) }
+        Anchored {
+            residual: model.residual(state, world),
+            jacobian,
+            covariance: model.covariance(state, world),
+            noise_rows: NoiseRows { by_increment: SMatrix::zeros(), by_gyro: None },
+        }
     }
-}
 
-/// J (ROWS × 15) and Λ (ROWS × ROWS) of the module's equations.
-#[inline]
-pub fn compose<const ROWS: usize>(
-    h: &SMatrix<f64, ROWS, 9>,
-    gyro_bias_jacobian: Option<&SMatrix<f64, ROWS, 3>>,
-    r_z: &SMatrix<f64, ROWS, ROWS>,
-    transport: &TransportJacobians,
-    increment: &Preintegration,
-) -> (SMatrix<f64, ROWS, ERROR_DIM>, SMatrix<f64, ROWS, ROWS>) {
-    let mut jacobian = h * transport.state;
-    let q = h * transport.increment;
-    let mut covariance = r_z + q * increment.increment_covariance() * q.transpose();
-    if let Some(direct) = gyro_bias_jacobian {
-        let mut columns = jacobian.fixed_columns_mut::<3>(GYRO_BIAS);
-        columns += direct;
-        let cross = q * increment.cross_covariance().fixed_columns::<3>(3) * direct.transpose();
-        let [_, gyro_walk] = increment.bias_walk();
-        covariance += cross + cross.transpose() + direct * direct.transpose() * gyro_walk;
+    /// Λ = R_z + Q P15 Qᵀ: the reading's own covariance and that of the piece from the keyframe.
+    #[inline]
+    pub fn inflated_covariance(&self, piece: &Piece<'_>) -> SMatrix<f64, ROWS, ROWS> {
+        let covariance = self.covariance + piece.noise(&self.noise_rows);
+        (covariance + covariance.transpose()) * 0.5
     }
-    (jacobian, (covariance + covariance.transpose()) * 0.5)
 }

@@ -5,6 +5,13 @@
 
 use nalgebra::{Matrix3, SMatrix};
 
+/// Runs loops with the widest instructions of the processor that it meets, chosen at run time. Sums keep their order and
+/// nothing is fused, so the result is the same to the bit whatever is chosen.
+#[inline(always)]
+pub fn wide<R>(op: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(op)
+}
+
 /// `a·b`.
 #[inline(always)]
 pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
@@ -32,7 +39,7 @@ pub(crate) fn product_transposed(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<
 }
 
 /// `rᵀ·C·r` of a symmetric C and three columns r.
-#[inline]
+#[inline(always)]
 pub(crate) fn sandwich<const N: usize>(r: &SMatrix<f64, N, 3>, c: &SMatrix<f64, N, N>) -> Matrix3<f64> {
     let (r_columns, c_columns) = (&r.data.0, &c.data.0);
     let mut result = Matrix3::zeros();

@@ -12,16 +12,20 @@
 //! Earth rate and gravity are not in here: [`mod@crate::transport`] adds them exactly.
 
 mod covariance;
+mod piece;
 mod pieces;
 #[cfg(test)]
 mod tests;
+
+use std::ops::{Deref, DerefMut};
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::so3;
 use shared_types::ImuNoise;
 
-use crate::blocks::product;
+use crate::blocks::{product, wide};
 use covariance::{CovarianceBlocks, StepModel};
+pub use piece::{NoiseRows, Piece};
 
 /// Bias changes that move an increment further than this, in rad and m/s, are beyond the first-order correction.
 const REINTEGRATE_ANGLE: f64 = 1e-3;
@@ -64,9 +68,9 @@ impl BiasJacobian {
     }
 }
 
-/// IMU samples between two instants, reduced to one increment.
+/// What IMU samples between two instants say, and how it depends on the biases: all that carries a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Preintegration {
+pub struct Increment {
     /// Signed length, s; negative when time ran backward.
     pub dt_total: f64,
     /// ∫(T−s)γf ds, m, axes of the body at the start.
@@ -80,7 +84,29 @@ pub struct Preintegration {
     /// Gyroscope bias that was removed, rad/s.
     pub gyro_bias: Vector3<f64>,
     pub(crate) bias_jacobian: BiasJacobian,
+}
+
+/// An increment and its covariance. It reads as the [`Increment`] that it is; whoever keeps one for its mean alone keeps
+/// that, which is a third of the memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Preintegration {
+    /// The increment itself.
+    pub increment: Increment,
     pub(crate) blocks: CovarianceBlocks,
+}
+
+impl Deref for Preintegration {
+    type Target = Increment;
+
+    fn deref(&self) -> &Increment {
+        &self.increment
+    }
+}
+
+impl DerefMut for Preintegration {
+    fn deref_mut(&mut self) -> &mut Increment {
+        &mut self.increment
+    }
 }
 
 /// An increment moved to other biases to first order.
@@ -96,10 +122,46 @@ pub struct CorrectedIncrement {
     pub c: Vector3<f64>,
 }
 
+impl Increment {
+    /// The increment at other biases, to first order.
+    #[inline]
+    pub fn corrected(&self, accel_bias: &Vector3<f64>, gyro_bias: &Vector3<f64>) -> CorrectedIncrement {
+        let accel_change = accel_bias - self.accel_bias;
+        let gyro_change = gyro_bias - self.gyro_bias;
+        let d = &self.bias_jacobian;
+        let c = d.phi_gyro * gyro_change;
+        CorrectedIncrement {
+            alpha: self.alpha + d.alpha_accel * accel_change + d.alpha_gyro * gyro_change,
+            beta: self.beta + d.beta_accel * accel_change + d.beta_gyro * gyro_change,
+            gamma: self.gamma * so3::exp(&c),
+            c,
+        }
+    }
+
+    /// Whether these biases are too far from those of the run for [`Increment::corrected`]: 1 mrad or 5 cm/s.
+    pub fn needs_reintegration(&self, accel_bias: &Vector3<f64>, gyro_bias: &Vector3<f64>) -> bool {
+        let span = self.dt_total.abs();
+        (gyro_bias - self.gyro_bias).norm() * span > REINTEGRATE_ANGLE
+            || (accel_bias - self.accel_bias).norm() * span > REINTEGRATE_VELOCITY
+    }
+
+    /// D = ∂(α, β, φ)/∂(b_a, b_g), 9 × 6.
+    pub fn jacobian(&self) -> SMatrix<f64, 9, 6> {
+        let d = &self.bias_jacobian;
+        let mut jacobian = SMatrix::<f64, 9, 6>::zeros();
+        jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&d.alpha_accel);
+        jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&d.alpha_gyro);
+        jacobian.fixed_view_mut::<3, 3>(3, 0).copy_from(&d.beta_accel);
+        jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&d.beta_gyro);
+        jacobian.fixed_view_mut::<3, 3>(6, 3).copy_from(&d.phi_gyro);
+        jacobian
+    }
+}
+
 impl Preintegration {
     /// The empty increment, to be grown with samples from which these biases are removed.
     pub fn new(accel_bias: Vector3<f64>, gyro_bias: Vector3<f64>) -> Preintegration {
-        Preintegration {
+        let increment = Increment {
             dt_total: 0.0,
             alpha: Vector3::zeros(),
             beta: Vector3::zeros(),
@@ -107,8 +169,8 @@ impl Preintegration {
             accel_bias,
             gyro_bias,
             bias_jacobian: BiasJacobian::zeros(),
-            blocks: CovarianceBlocks::zeros(),
-        }
+        };
+        Preintegration { increment, blocks: CovarianceBlocks::zeros() }
     }
 
     /// Adds the stretch from `first` to `second`, `dt_signed` seconds later (negative: earlier), with bias Jacobians and
@@ -122,10 +184,13 @@ impl Preintegration {
         second: &ImuPoint,
         noise_inflation: f64,
     ) {
-        let dt = dt_signed;
-        if dt == 0.0 {
-            return;
+        if dt_signed != 0.0 {
+            wide(|| self.step_wide(noise, dt_signed, first, second, noise_inflation));
         }
+    }
+
+    #[inline(always)]
+    fn step_wide(&mut self, noise: &ImuNoise, dt: f64, first: &ImuPoint, second: &ImuPoint, noise_inflation: f64) {
         let angle = self.angle(dt, first, second);
         let (turn, right_jacobian) = so3::exp_and_right_jacobian(&angle);
         let accel_first = first.accel_body - self.accel_bias;
@@ -150,7 +215,7 @@ impl Preintegration {
         );
         self.blocks.accel_walk += dt.abs() * noise.accel_bias_random_walk * noise.accel_bias_random_walk;
         self.blocks.gyro_walk += dt.abs() * noise.gyro_bias_random_walk * noise.gyro_bias_random_walk;
-        model.step_jacobian(&mut self.bias_jacobian);
+        model.step_jacobian(&mut self.increment.bias_jacobian);
         self.step_to(dt, gamma_next, &accel_first, &accel_second);
     }
 
@@ -170,26 +235,12 @@ impl Preintegration {
 
     #[inline]
     fn step_to(&mut self, dt: f64, gamma_next: Matrix3<f64>, accel_first: &Vector3<f64>, accel_second: &Vector3<f64>) {
-        let mean_force = (self.gamma * accel_first + gamma_next * accel_second) * 0.5;
-        self.alpha += self.beta * dt + mean_force * (0.5 * dt * dt);
-        self.beta += mean_force * dt;
-        self.gamma = gamma_next;
-        self.dt_total += dt;
-    }
-
-    /// The increment at other biases, to first order.
-    #[inline]
-    pub fn corrected(&self, accel_bias: &Vector3<f64>, gyro_bias: &Vector3<f64>) -> CorrectedIncrement {
-        let accel_change = accel_bias - self.accel_bias;
-        let gyro_change = gyro_bias - self.gyro_bias;
-        let d = &self.bias_jacobian;
-        let c = d.phi_gyro * gyro_change;
-        CorrectedIncrement {
-            alpha: self.alpha + d.alpha_accel * accel_change + d.alpha_gyro * gyro_change,
-            beta: self.beta + d.beta_accel * accel_change + d.beta_gyro * gyro_change,
-            gamma: self.gamma * so3::exp(&c),
-            c,
-        }
+        let increment = &mut self.increment;
+        let mean_force = (increment.gamma * accel_first + gamma_next * accel_second) * 0.5;
+        increment.alpha += increment.beta * dt + mean_force * (0.5 * dt * dt);
+        increment.beta += mean_force * dt;
+        increment.gamma = gamma_next;
+        increment.dt_total += dt;
     }
 
     /// Admits that the samples are worse than their noise says: adds these 1-sigmas, the same along every axis, to
@@ -198,25 +249,6 @@ impl Preintegration {
         self.blocks.alpha_alpha += Matrix3::from_diagonal_element(position * position);
         self.blocks.beta_beta += Matrix3::from_diagonal_element(velocity * velocity);
         self.blocks.phi_phi += Matrix3::from_diagonal_element(attitude * attitude);
-    }
-
-    /// Whether these biases are too far from those of the run for [`Preintegration::corrected`]: 1 mrad or 5 cm/s.
-    pub fn needs_reintegration(&self, accel_bias: &Vector3<f64>, gyro_bias: &Vector3<f64>) -> bool {
-        let span = self.dt_total.abs();
-        (gyro_bias - self.gyro_bias).norm() * span > REINTEGRATE_ANGLE
-            || (accel_bias - self.accel_bias).norm() * span > REINTEGRATE_VELOCITY
-    }
-
-    /// D = ∂(α, β, φ)/∂(b_a, b_g), 9 × 6.
-    pub fn jacobian(&self) -> SMatrix<f64, 9, 6> {
-        let d = &self.bias_jacobian;
-        let mut jacobian = SMatrix::<f64, 9, 6>::zeros();
-        jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&d.alpha_accel);
-        jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&d.alpha_gyro);
-        jacobian.fixed_view_mut::<3, 3>(3, 0).copy_from(&d.beta_accel);
-        jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&d.beta_gyro);
-        jacobian.fixed_view_mut::<3, 3>(6, 3).copy_from(&d.phi_gyro);
-        jacobian
     }
 
     /// P15: covariance of (α, β, φ) and of the change of (b_a, b_g) over the run.

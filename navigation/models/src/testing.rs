@@ -134,7 +134,7 @@ pub(crate) fn check_anchored_jacobian_where<const ROWS: usize, M: SensorModel<RO
         let state = random_state(&mut rng);
         let increment = random_increment(&mut rng, &state, if trial % 2 == 0 { 1.0 } else { -1.0 });
         let Some(model) = model_at(&crate::transport::transport(&state, &increment, &world)) else { continue };
-        let analytic = Anchored::new(&model, &state, &state, &increment, &world).jacobian;
+        let analytic = Anchored::new(&model, &state, &increment, &world).jacobian;
         let numeric = numeric_jacobian(1e-3, |delta: &SVector<f64, ERROR_DIM>| {
             let moved = state.retract(delta);
             model.residual(&crate::transport::transport(&moved, &increment, &world), &world)

@@ -7,6 +7,7 @@
 //! ```
 
 mod args;
+mod background;
 mod chart;
 mod error;
 mod origin;

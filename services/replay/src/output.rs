@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
-use ilns_recording::{EstimateWriter, LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary};
+use ilns_recording::{LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary};
 use nav_evaluation::{EstimatePoint, Score, Scorer, Window};
 use nav_geometry::Geodetic;
 use shared_types::{Mode, NavEstimate, SENSORS, SensorCounts, Time};
 
+use crate::background::BackgroundWriter;
 use crate::error::ReplayError;
 use crate::progress::Progress;
 use crate::score::{TruthFeed, table};
@@ -41,7 +42,8 @@ pub struct RunFacts {
 pub struct ReplayOutput {
     out: PathBuf,
     started: Instant,
-    estimates: EstimateWriter,
+    estimates: BackgroundWriter,
+    written: u64,
     truth: Option<TruthFeed>,
     scorer: Option<Scorer>,
     origin: [f64; 3],
@@ -60,7 +62,7 @@ impl ReplayOutput {
     /// The folder cannot be made, or the truth has a bad header.
     pub fn create(out: &Path, log: &LogDirectory, started: Instant) -> Result<ReplayOutput, ReplayError> {
         let truth = TruthFeed::of(log)?;
-        let estimates = EstimateWriter::create(out)?;
+        let estimates = BackgroundWriter::create(out)?;
         let summary = out.join(SUMMARY_FILE);
         if summary.exists() {
             fs::remove_file(&summary).map_err(|source| ReplayError::Io { file: summary, action: "delete", source })?;
@@ -69,6 +71,7 @@ impl ReplayOutput {
             out: out.to_owned(),
             started,
             estimates,
+            written: 0,
             truth,
             scorer: None,
             origin: [0.0; 3],
@@ -89,14 +92,14 @@ impl ReplayOutput {
     /// Takes a published estimate; one that is still INITIALISING is neither written nor scored.
     ///
     /// # Errors
-    /// A number that is not finite, a bad row of the truth, a full disk.
+    /// A bad row of the truth; of this estimate or one before it, a number that is not finite or a full disk.
     pub fn estimate(&mut self, estimate: &NavEstimate) -> Result<(), ReplayError> {
         let t = Time(estimate.header.t_valid);
         self.progress.at(t);
         if estimate.mode() == Mode::Initialising {
             return Ok(());
         }
-        self.estimates.write(estimate)?;
+        self.written += 1;
         self.modes[estimate.mode() as usize] += 1;
         self.first.get_or_insert(t);
         self.last = Some(t);
@@ -104,17 +107,18 @@ impl ReplayOutput {
             truth.feed(t, scorer)?;
             scorer.estimate(&EstimatePoint::from(estimate));
         }
+        self.estimates.write(estimate)?;
         Ok(())
     }
 
     /// Completes all files and returns what `summary.json` says; prints the score as a table to standard error.
     ///
     /// # Errors
-    /// A full disk.
+    /// An estimate that is not finite, a full disk.
     pub fn finish(mut self, facts: &RunFacts) -> Result<Summary, ReplayError> {
         self.progress.done();
         let score = self.scorer.as_ref().and_then(Scorer::score);
-        let estimates = self.estimates.rows();
+        let estimates = self.written;
         let duration_s = match (self.first, self.last) {
             (Some(first), Some(last)) => (last - first).as_seconds(),
             _ => 0.0,

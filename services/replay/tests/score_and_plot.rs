@@ -83,11 +83,15 @@ fn replay(log: &TempDir, out: &Path) -> Summary {
     for index in 0..SAMPLES {
         output.estimate(&estimate(index * PERIOD_NS)).unwrap();
     }
+    output.finish(&facts()).unwrap()
+}
+
+fn facts() -> RunFacts {
     let mut counts = [SensorCounts::default(); 7];
     counts[1].rejected[RejectReason::Gated.index()] = 3;
     let mut solve_ns = Histogram::new(3).unwrap();
     solve_ns.record(120_000).unwrap();
-    let facts = RunFacts {
+    RunFacts {
         estimator: "fgo",
         window: 20,
         keyframes: 300,
@@ -96,8 +100,7 @@ fn replay(log: &TempDir, out: &Path) -> Summary {
         solve_ns,
         received: [9; 7],
         counts,
-    };
-    output.finish(&facts).unwrap()
+    }
 }
 
 fn score_args(estimate: PathBuf, truth: PathBuf) -> ScoreArgs {
@@ -132,8 +135,9 @@ fn results_bear_their_names_only_when_whole() {
     output.set_origin(ORIGIN);
     output.estimate(&estimate(0)).unwrap();
     let bad = NavEstimate { position_enu: [f64::NAN; 3], ..estimate(PERIOD_NS) };
-    output.estimate(&bad).unwrap_err();
-    drop(output);
+    output.estimate(&bad).unwrap();
+    // Written in the background: told with the next batch, at the end at the latest.
+    output.finish(&facts()).unwrap_err();
     let mut names: Vec<String> =
         fs::read_dir(out.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();

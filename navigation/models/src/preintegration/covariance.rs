@@ -33,7 +33,7 @@ pub(super) struct StepModel {
 
 impl StepModel {
     /// D ← A D + B.
-    #[inline]
+    #[inline(always)]
     pub(super) fn step_jacobian(&self, d: &mut BiasJacobian) {
         let (dt, half_dt_squared) = (self.dt, 0.5 * self.dt * self.dt);
         let force_gyro = product(&self.force_by_phi, &d.phi_gyro) + self.force_by_gyro;
@@ -87,7 +87,7 @@ impl CovarianceBlocks {
 
     /// One step; `accel_noise` and `gyro_noise` are the variances of the white noise averaged over it. The walk of the
     /// biases during the step is added by the caller, afterwards.
-    #[inline]
+    #[inline(always)]
     pub(super) fn step(&mut self, model: &StepModel, accel_noise: f64, gyro_noise: f64) {
         let StepModel { dt, force_by_phi, force_by_gyro, force_by_accel, turn_transposed, phi_by_gyro } = model;
         let (dt, half) = (*dt, 0.5 * dt * dt);

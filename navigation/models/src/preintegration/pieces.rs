@@ -12,11 +12,11 @@
 //! forward error is counted from the bias at the start, the backward one from the bias at the end, hence
 //! `ξ_b = V(ξ_f − D_f w)` with `w` the change of the biases.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use nav_geometry::so3::skew;
 
 use super::covariance::{CovarianceBlocks, symmetric};
-use super::{BiasJacobian, Preintegration};
+use super::{BiasJacobian, Increment, Preintegration};
 
 /// Φ and ΨD_je of a composition, by the blocks that are neither zero nor identity.
 struct Carry {
@@ -33,6 +33,17 @@ struct Carry {
 }
 
 impl Carry {
+    /// Over a second piece with this time and mean, after a first with this γ; ΨD of the second is left empty.
+    fn of(gamma_kj: &Matrix3<f64>, dt: f64, alpha: &Vector3<f64>, beta: &Vector3<f64>, gamma: &Matrix3<f64>) -> Carry {
+        Carry {
+            dt,
+            alpha_by_phi: -(gamma_kj * skew(alpha)),
+            beta_by_phi: -(gamma_kj * skew(beta)),
+            phi_by_phi: gamma.transpose(),
+            bias: BiasJacobian::zeros(),
+        }
+    }
+
     /// Φ15 P Φ15ᵀ.
     fn covariance(&self, p: &CovarianceBlocks) -> CovarianceBlocks {
         let d = &self.bias;
@@ -203,78 +214,45 @@ impl CovarianceBlocks {
     }
 }
 
-impl Preintegration {
-    /// `self` (k → j) followed by `next` (j → e): the increment k → e. Both at the same biases.
+impl Increment {
+    /// The increment j → e of a run, from its prefix k → j and the whole k → e.
     #[must_use]
-    pub fn compose(&self, next: &Preintegration) -> Preintegration {
-        let dt = next.dt_total;
-        let bias = next.bias_jacobian.rotated(&self.gamma);
-        let carry = Carry {
-            dt,
-            alpha_by_phi: -(self.gamma * skew(&next.alpha)),
-            beta_by_phi: -(self.gamma * skew(&next.beta)),
-            phi_by_phi: next.gamma.transpose(),
-            bias,
-        };
-        Preintegration {
-            dt_total: self.dt_total + dt,
-            alpha: self.alpha + self.beta * dt + self.gamma * next.alpha,
-            beta: self.beta + self.gamma * next.beta,
-            gamma: self.gamma * next.gamma,
-            accel_bias: self.accel_bias,
-            gyro_bias: self.gyro_bias,
-            bias_jacobian: carry.jacobian(&self.bias_jacobian).zip(&bias, |a, b| a + b),
-            blocks: carry.covariance(&self.blocks).plus(&next.blocks.rotated(&self.gamma), 1.0),
-        }
-    }
-
-    /// The piece j → e of a run, from its prefix k → j and the whole k → e.
-    #[must_use]
-    pub fn piece_from_prefixes(prefix_kj: &Preintegration, whole_ke: &Preintegration) -> Preintegration {
+    pub fn between_prefixes(prefix_kj: &Increment, whole_ke: &Increment) -> Increment {
         let dt = whole_ke.dt_total - prefix_kj.dt_total;
         let r_j_k = prefix_kj.gamma.transpose();
         let alpha = r_j_k * (whole_ke.alpha - prefix_kj.alpha - prefix_kj.beta * dt);
         let beta = r_j_k * (whole_ke.beta - prefix_kj.beta);
         let gamma = r_j_k * whole_ke.gamma;
-        let mut carry = Carry {
-            dt,
-            alpha_by_phi: -(prefix_kj.gamma * skew(&alpha)),
-            beta_by_phi: -(prefix_kj.gamma * skew(&beta)),
-            phi_by_phi: gamma.transpose(),
-            bias: BiasJacobian::zeros(),
-        };
-        carry.bias =
+        let carry = Carry::of(&prefix_kj.gamma, dt, &alpha, &beta, &gamma);
+        let bias =
             whole_ke.bias_jacobian.zip(&carry.jacobian(&prefix_kj.bias_jacobian), |whole, carried| whole - carried);
-        let blocks = whole_ke.blocks.plus(&carry.covariance(&prefix_kj.blocks), -1.0).rotated(&r_j_k);
-        Preintegration {
+        Increment {
             dt_total: dt,
             alpha,
             beta,
             gamma,
             accel_bias: whole_ke.accel_bias,
             gyro_bias: whole_ke.gyro_bias,
-            bias_jacobian: carry.bias.rotated(&r_j_k),
-            blocks,
+            bias_jacobian: bias.rotated(&r_j_k),
         }
     }
 
     /// The same stretch run the other way: of k → j the increment j → k, with `dt_total` negated.
     #[must_use]
-    pub fn reversed(&self) -> Preintegration {
+    pub fn reversed(&self) -> Increment {
         let dt = self.dt_total;
         let r_end_start = self.gamma.transpose();
         let beta = -(r_end_start * self.beta);
         let alpha = r_end_start * (self.beta * dt - self.alpha);
-        let (alpha_skew, beta_skew) = (skew(&alpha), skew(&beta));
         let d = &self.bias_jacobian;
         let bias_jacobian = BiasJacobian {
             alpha_accel: r_end_start * (d.beta_accel * dt - d.alpha_accel),
-            alpha_gyro: r_end_start * (d.beta_gyro * dt - d.alpha_gyro) + alpha_skew * d.phi_gyro,
+            alpha_gyro: r_end_start * (d.beta_gyro * dt - d.alpha_gyro) + skew(&alpha) * d.phi_gyro,
             beta_accel: -(r_end_start * d.beta_accel),
-            beta_gyro: -(r_end_start * d.beta_gyro) + beta_skew * d.phi_gyro,
+            beta_gyro: -(r_end_start * d.beta_gyro) + skew(&beta) * d.phi_gyro,
             phi_gyro: -(self.gamma * d.phi_gyro),
         };
-        Preintegration {
+        Increment {
             dt_total: -dt,
             alpha,
             beta,
@@ -282,8 +260,51 @@ impl Preintegration {
             accel_bias: self.accel_bias,
             gyro_bias: self.gyro_bias,
             bias_jacobian,
-            blocks: self.blocks.counted_from_the_end(d).turned_round(dt, &self.gamma, &alpha_skew, &beta_skew),
         }
+    }
+}
+
+impl Preintegration {
+    /// `self` (k → j) followed by `next` (j → e): the increment k → e. Both at the same biases.
+    #[must_use]
+    pub fn compose(&self, next: &Preintegration) -> Preintegration {
+        let dt = next.dt_total;
+        let bias = next.bias_jacobian.rotated(&self.gamma);
+        let carry = Carry { bias, ..Carry::of(&self.gamma, dt, &next.alpha, &next.beta, &next.gamma) };
+        let increment = Increment {
+            dt_total: self.dt_total + dt,
+            alpha: self.alpha + self.beta * dt + self.gamma * next.alpha,
+            beta: self.beta + self.gamma * next.beta,
+            gamma: self.gamma * next.gamma,
+            accel_bias: self.accel_bias,
+            gyro_bias: self.gyro_bias,
+            bias_jacobian: carry.jacobian(&self.bias_jacobian).zip(&bias, |a, b| a + b),
+        };
+        Preintegration {
+            increment,
+            blocks: carry.covariance(&self.blocks).plus(&next.blocks.rotated(&self.gamma), 1.0),
+        }
+    }
+
+    /// The piece j → e of a run, from its prefix k → j and the whole k → e.
+    #[must_use]
+    pub fn piece_from_prefixes(prefix_kj: &Preintegration, whole_ke: &Preintegration) -> Preintegration {
+        let increment = Increment::between_prefixes(prefix_kj, whole_ke);
+        let mut carry =
+            Carry::of(&prefix_kj.gamma, increment.dt_total, &increment.alpha, &increment.beta, &increment.gamma);
+        carry.bias = increment.bias_jacobian.rotated(&prefix_kj.gamma);
+        let r_j_k = prefix_kj.gamma.transpose();
+        let blocks = whole_ke.blocks.plus(&carry.covariance(&prefix_kj.blocks), -1.0).rotated(&r_j_k);
+        Preintegration { increment, blocks }
+    }
+
+    /// The same stretch run the other way: of k → j the increment j → k, with `dt_total` negated.
+    #[must_use]
+    pub fn reversed(&self) -> Preintegration {
+        let increment = self.increment.reversed();
+        let (alpha_skew, beta_skew) = (skew(&increment.alpha), skew(&increment.beta));
+        let counted = self.blocks.counted_from_the_end(&self.bias_jacobian);
+        Preintegration { increment, blocks: counted.turned_round(self.dt_total, &self.gamma, &alpha_skew, &beta_skew) }
     }
 }
 

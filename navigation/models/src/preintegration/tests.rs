@@ -360,6 +360,36 @@ fn the_covariance_is_that_of_noisy_runs_both_ways() {
 }
 
 #[test]
+fn rows_see_the_noise_of_a_backward_piece_without_its_covariance() {
+    let samples = turning_samples(8, 201);
+    let biases = (Vector3::new(0.01, 0.0, -0.01), Vector3::new(1e-3, 0.0, 0.0));
+    let whole = run(&samples, 0.005, biases.0, biases.1);
+    let by_increment = SMatrix::<f64, 3, 9>::from_fn(|i, j| ((3 * i + 2 * j) as f64).sin());
+    let by_gyro = Some(SMatrix::<f64, 3, 3>::from_fn(|i, j| ((5 * i + j) as f64).cos()));
+    for (split, by_gyro) in [(1, by_gyro), (73, by_gyro), (150, None), (199, by_gyro)] {
+        let prefix = run(&samples[..=split], 0.005, biases.0, biases.1);
+        let mut q = SMatrix::<f64, 3, 15>::zeros();
+        q.fixed_columns_mut::<9>(0).copy_from(&by_increment);
+        if let Some(by_gyro) = by_gyro {
+            q.fixed_columns_mut::<3>(12).copy_from(&by_gyro);
+        }
+        let rows = NoiseRows { by_increment, by_gyro };
+        let back = Preintegration::piece_from_prefixes(&prefix, &whole).reversed();
+        let piece = Piece::backward(&prefix, &whole);
+        assert_eq!(*piece.increment(), back.increment);
+        for (piece, oracle) in [(piece, back), (Piece::Forward(&prefix), prefix)] {
+            let expected = q * oracle.covariance() * q.transpose();
+            let scale = expected.diagonal().amax();
+            assert!(
+                (piece.noise(&rows) - expected).amax() < 1e-9 * scale,
+                "{split}: {} {expected}",
+                piece.noise(&rows)
+            );
+        }
+    }
+}
+
+#[test]
 fn random_increments_have_positive_definite_covariances() {
     let mut rng = random(77);
     for direction in [1.0, -1.0] {

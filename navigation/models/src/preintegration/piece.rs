@@ -1,0 +1,152 @@
+//! A piece of an interval as a sensor needs it: the increment from a keyframe to a reading, and Q P15 Qᵀ of its noise.
+//!
+//! The piece from the later keyframe back to the reading, e → j, is the quotient of two prefixes turned round (§2.3). Its
+//! covariance is never formed: the reading's rows Q are carried back through the reversal and the quotient instead,
+//!
+//! ```text
+//! ξ_ej = V(ξ_je − D_je w_je),  w_ej = −w_je                                              reversal
+//! Cov(Ψ15 ξ_je) = P_ke − Φ15 P_kj Φ15ᵀ                                                   quotient
+//! s = [Q V,  −(Q V) D_je − Q_b],  u = s Ψ15⁻¹:   Q P_ej Qᵀ = u P_ke uᵀ − (uΦ15) P_kj (uΦ15)ᵀ
+//! ```
+//!
+//! which costs some forty products of a matrix and a vector per row, in place of two hundred of matrices. In `uΦ15` the
+//! bias columns cancel but for −Q_b.
+
+use nalgebra::{SMatrix, Vector3};
+
+use super::covariance::CovarianceBlocks;
+use super::{Increment, Preintegration};
+
+/// Q of a reading: how its rows feel the error of the increment (α, β, φ) and the change of the gyroscope bias.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoiseRows<const ROWS: usize> {
+    /// Columns of α, β, φ.
+    pub by_increment: SMatrix<f64, ROWS, 9>,
+    /// Columns of the gyroscope bias; `None` where the sensor does not look at the gyroscope.
+    pub by_gyro: Option<SMatrix<f64, ROWS, 3>>,
+}
+
+/// Columns by α, β, φ, accelerometer bias, gyroscope bias of one row.
+type Parts = [Vector3<f64>; 5];
+
+/// From a keyframe to a reading.
+#[expect(clippy::large_enum_variant, reason = "one at a time, on the stack, and nothing may be allocated here")]
+#[derive(Clone, Copy, Debug)]
+pub enum Piece<'a> {
+    /// From the earlier keyframe: a prefix of the interval as it stands.
+    Forward(&'a Preintegration),
+    /// From the later keyframe back.
+    Backward {
+        /// From the earlier keyframe to the reading.
+        prefix: &'a Preintegration,
+        /// From the earlier keyframe to the later.
+        whole: &'a Preintegration,
+        /// From the reading to the later keyframe.
+        rest: Increment,
+        /// From the later keyframe to the reading.
+        back: Increment,
+    },
+}
+
+impl<'a> Piece<'a> {
+    /// The piece from the end of `whole` back to the end of `prefix`, both of one run.
+    pub fn backward(prefix: &'a Preintegration, whole: &'a Preintegration) -> Piece<'a> {
+        let rest = Increment::between_prefixes(prefix, whole);
+        Piece::Backward { prefix, whole, back: rest.reversed(), rest }
+    }
+
+    /// From the keyframe to the reading.
+    pub fn increment(&self) -> &Increment {
+        match self {
+            Piece::Forward(prefix) => prefix,
+            Piece::Backward { back, .. } => back,
+        }
+    }
+
+    /// Q P15 Qᵀ.
+    #[inline]
+    pub fn noise<const ROWS: usize>(&self, rows: &NoiseRows<ROWS>) -> SMatrix<f64, ROWS, ROWS> {
+        let parts: [Parts; ROWS] = core::array::from_fn(|row| rows.parts(row));
+        match self {
+            Piece::Forward(prefix) => prefix.blocks.seen_by(&parts),
+            Piece::Backward { prefix, whole, rest, back } => {
+                let carried = parts.map(|row| carry_back(&row, prefix, rest, back));
+                let through_whole = carried.map(|(by_whole, _)| by_whole);
+                let through_prefix = carried.map(|(_, by_prefix)| by_prefix);
+                whole.blocks.seen_by(&through_whole) - prefix.blocks.seen_by(&through_prefix)
+            }
+        }
+    }
+}
+
+/// `u` and `uΦ15` of the module's equations.
+#[inline]
+fn carry_back(row: &Parts, prefix: &Increment, rest: &Increment, back: &Increment) -> (Parts, Parts) {
+    let [by_alpha, by_beta, by_phi, _, by_gyro] = row;
+    let (gamma, dt, d) = (&rest.gamma, rest.dt_total, &rest.bias_jacobian);
+    // s = Q V, V = [−γᵀ γᵀT [α_b]×; 0 −γᵀ [β_b]×; 0 0 −γ]; columns, so transposed: qᵀ[a]× is q×a.
+    let turned_alpha = gamma * by_alpha;
+    let alpha = -turned_alpha;
+    let beta = turned_alpha * dt - gamma * by_beta;
+    let phi = by_alpha.cross(&back.alpha) + by_beta.cross(&back.beta) - gamma.tr_mul(by_phi);
+    let accel = -(d.alpha_accel.tr_mul(&alpha) + d.beta_accel.tr_mul(&beta));
+    let gyro = -(d.alpha_gyro.tr_mul(&alpha) + d.beta_gyro.tr_mul(&beta) + d.phi_gyro.tr_mul(&phi)) - by_gyro;
+    let (u_alpha, u_beta) = (prefix.gamma * alpha, prefix.gamma * beta);
+    let through_prefix = [
+        u_alpha,
+        u_alpha * dt + u_beta,
+        rest.alpha.cross(&alpha) + rest.beta.cross(&beta) + gamma * phi,
+        Vector3::zeros(),
+        -by_gyro,
+    ];
+    ([u_alpha, u_beta, phi, accel, gyro], through_prefix)
+}
+
+impl<const ROWS: usize> NoiseRows<ROWS> {
+    #[inline]
+    fn parts(&self, row: usize) -> Parts {
+        let part = |at: usize| Vector3::from_fn(|axis, _| self.by_increment[(row, at + axis)]);
+        let gyro = self.by_gyro.map_or(Vector3::zeros(), |columns| Vector3::from_fn(|axis, _| columns[(row, axis)]));
+        [part(0), part(3), part(6), Vector3::zeros(), gyro]
+    }
+}
+
+impl CovarianceBlocks {
+    /// U P15 Uᵀ.
+    #[inline]
+    fn seen_by<const ROWS: usize>(&self, rows: &[Parts; ROWS]) -> SMatrix<f64, ROWS, ROWS> {
+        let mut seen = SMatrix::<f64, ROWS, ROWS>::zeros();
+        for right in 0..ROWS {
+            let product = self.times(&rows[right]);
+            for left in 0..=right {
+                let value: f64 = rows[left].iter().zip(&product).map(|(a, b)| a.dot(b)).sum();
+                seen[(left, right)] = value;
+                seen[(right, left)] = value;
+            }
+        }
+        seen
+    }
+
+    /// P15 u.
+    #[inline]
+    fn times(&self, [alpha, beta, phi, accel, gyro]: &Parts) -> Parts {
+        [
+            self.alpha_alpha * alpha
+                + self.alpha_beta * beta
+                + self.alpha_phi * phi
+                + self.alpha_accel * accel
+                + self.alpha_gyro * gyro,
+            self.alpha_beta.tr_mul(alpha)
+                + self.beta_beta * beta
+                + self.beta_phi * phi
+                + self.beta_accel * accel
+                + self.beta_gyro * gyro,
+            self.alpha_phi.tr_mul(alpha) + self.beta_phi.tr_mul(beta) + self.phi_phi * phi + self.phi_gyro * gyro,
+            self.alpha_accel.tr_mul(alpha) + self.beta_accel.tr_mul(beta) + accel * self.accel_walk,
+            self.alpha_gyro.tr_mul(alpha)
+                + self.beta_gyro.tr_mul(beta)
+                + self.phi_gyro.tr_mul(phi)
+                + gyro * self.gyro_walk,
+        ]
+    }
+}
