@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use ilns_replay::{PlotArgs, ReplayArgs, ScoreArgs};
+use ilns_replay::{PlotArgs, ReplayArgs, ScoreArgs, SmoothArgs};
 use ilns_runtime::exit_with;
 use sim_emulators::simulate::SimulateArgs;
 
@@ -37,6 +37,8 @@ enum Command {
     Run(run::RunArgs),
     /// Run a log directory through the whole navigator in one thread, as fast as the machine can.
     Replay(ReplayArgs),
+    /// Smooth a log directory as one batch: every estimate with what came after it too.
+    Smooth(SmoothArgs),
     /// Write a simulated mission into a log directory, as fast as the machine can, with the truth.
     Simulate(SimulateArgs),
     /// Hold estimates against the truth: errors, spread and how honest the sigmas are.
@@ -55,6 +57,7 @@ fn main() -> ExitCode {
     match Cli::parse().command {
         Command::Run(args) => exit_with("run", run::run(&args)),
         Command::Replay(args) => exit_with("replay", ilns_replay::replay::run(&args)),
+        Command::Smooth(args) => exit_with("smooth", ilns_replay::smooth::run(&args)),
         Command::Simulate(args) => exit_with("simulate", sim_emulators::simulate::run(&args)),
         Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),

@@ -9,8 +9,8 @@
 //! are held transposed, which is the layout that the kernels want.
 
 use crate::kernels::{
-    Block, BlockVector, NotPositiveDefinite, add_gram_transposed, add_times_transposed, cholesky,
-    inverse_from_cholesky, solve_lower, solve_lower_transposed, solve_upper, subtract_times,
+    Block, BlockVector, NotPositiveDefinite, add_gram_transposed, add_product_transposed, add_times_transposed,
+    cholesky, inverse_from_cholesky, solve_lower, solve_lower_transposed, solve_upper, subtract_times,
 };
 
 /// One keyframe's part of the normal equations and of their factorisation.
@@ -103,6 +103,22 @@ impl<const N: usize> Link<N> {
     #[inline(always)]
     pub fn covariance(&self) -> Block<N> {
         inverse_from_cholesky(&self.factor)
+    }
+
+    /// Covariance of this keyframe given that of the next: C_k = L⁻ᵀ (I + Y C Yᵀ) L⁻¹.
+    #[inline(always)]
+    pub fn covariance_before(&self, next: &Block<N>) -> Block<N> {
+        // L⁻ᵀ as the columns of L⁻¹, and X = L⁻ᵀ Y.
+        let mut inverse_transposed = Block::<N>::identity();
+        solve_lower_transposed(&self.factor, &mut inverse_transposed);
+        let mut x = Block::<N>::zeros();
+        add_product_transposed(&mut x, &inverse_transposed, &self.y_transposed, 1.0);
+        let mut carried = Block::<N>::zeros();
+        add_product_transposed(&mut carried, &x, next, 1.0);
+        let mut covariance = Block::<N>::zeros();
+        add_gram_transposed(&mut covariance, &inverse_transposed, 1.0);
+        add_product_transposed(&mut covariance, &carried, &x, 1.0);
+        covariance
     }
 }
 
@@ -199,11 +215,17 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_covariance_is_the_last_block_of_the_dense_inverse() {
+    fn covariances_are_the_blocks_of_the_dense_inverse() {
         let (mut links, dense, _) = chain();
         sweep(&mut links, 0);
         let inverse = dense.try_inverse().expect("regular");
-        let at = (LINKS - 1) * N;
-        assert!((links[LINKS - 1].covariance() - inverse.view((at, at), (N, N))).amax() < 1e-12);
+        let mut covariance = links[LINKS - 1].covariance();
+        for k in (0..LINKS).rev() {
+            if k + 1 < LINKS {
+                covariance = links[k].covariance_before(&covariance);
+            }
+            let block = inverse.view((k * N, k * N), (N, N));
+            assert!((covariance - block).amax() < 1e-12, "link {k}");
+        }
     }
 }

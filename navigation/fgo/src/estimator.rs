@@ -19,14 +19,15 @@ use nav_models::transport::{transport, transport_jacobians};
 use nav_models::wide;
 use nav_models::world::WorldModel;
 use shared_types::{
-    AIDING, Config, Duration, FACTORS_MAX, FactorReport, Header, KeyframeReport, Measurement, Reading, RejectReason,
-    Sensor, SensorCounts, Solution, SolutionStatus, Time,
+    AIDING, Config, Duration, FACTORS_MAX, FactorReport, Header, KeyframeReport, Measurement, NavEstimate, Reading,
+    RejectReason, Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::{Block, add_product_transposed};
 use crate::recovery::{SUSPICIOUS_EPOCHS, loosening};
 use crate::rows::DIM;
+use crate::smoother::Smoothed;
 use crate::ties::{Closing, Pending, Ties};
 use crate::window::{SolveReport, Window};
 
@@ -116,6 +117,20 @@ impl FgoEstimator {
     /// Used and refused measurements per sensor since the start.
     pub fn counts(&self) -> &[SensorCounts] {
         &self.ties.counts
+    }
+
+    /// Solves everything in the window as one batch, in at most `max_passes` linearisations, and leaves the window at the
+    /// solution. With a window that never forgets this is the trajectory given the whole log. `None` before the first
+    /// keyframe, or where the information does not determine the states.
+    pub fn smooth(&mut self, max_passes: u32) -> Option<Smoothed> {
+        Smoothed::of(self.window.as_mut()?, &self.history, &self.imu, max_passes)
+    }
+
+    /// Shows a smoothed trajectory at every IMU sample from its first keyframe on.
+    pub fn along(&self, smoothed: &Smoothed, show: impl FnMut(&NavEstimate)) {
+        if let Some(window) = &self.window {
+            smoothed.along(window.world(), &self.config, &self.history, &self.imu, show);
+        }
     }
 
     fn ingest_imu(&mut self, t: Time, point: ImuPoint) -> Result<(), EstimatorError> {

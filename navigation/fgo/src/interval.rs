@@ -23,7 +23,8 @@ pub struct ImuModel {
 }
 
 impl ImuModel {
-    fn inflation(&self, step: Duration) -> f64 {
+    /// Factor on the white noise densities in a step of this length.
+    pub fn inflation(&self, step: Duration) -> f64 {
         if step.abs() > self.gate.long_gap {
             LONG_GAP_INFLATION
         } else if step.abs() > self.gate.gap {
@@ -90,6 +91,11 @@ impl ImuHistory {
         }
         let first = self.samples.get(after.checked_sub(1)?)?;
         Some(interpolate(first, second, t))
+    }
+
+    /// Whether a sample was taken at exactly `t`.
+    pub fn is_sample(&self, t: Time) -> bool {
+        self.samples.binary_search_by_key(&t, |sample| sample.t).is_ok()
     }
 
     /// Sampling period around `t`; that of the usual instrument where it cannot be told.

@@ -10,9 +10,11 @@
 //! | `factor.rs` | what does one measurement say, whitened? |
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `innovation.rs`, `robust.rs` | how probable is it, how much does it count? |
+//! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
 //! | `recovery.rs` | is it the state that is wrong, not the sensors? |
 //! | `chain.rs`, `kernels.rs` | the block-tridiagonal solve |
 
+mod batch;
 pub mod chain;
 mod estimator;
 mod factor;
@@ -23,7 +25,10 @@ mod node;
 mod recovery;
 mod robust;
 mod rows;
+mod smoother;
 mod ties;
 mod window;
 
+pub use batch::BatchReport;
 pub use estimator::FgoEstimator;
+pub use smoother::{Smoothed, SmoothedKeyframe};

@@ -22,7 +22,7 @@ use crate::chain::Marginal;
 use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{
-    Block, BlockVector, NotPositiveDefinite, add_times_transposed, cholesky, dot, inverse_from_cholesky,
+    Block, BlockVector, NotPositiveDefinite, add_times_transposed, cholesky, dot, inverse_from_cholesky, solve_lower,
 };
 use crate::node::{Node, lengths};
 use crate::recovery::Loosening;
@@ -34,6 +34,8 @@ const WEIGHT_TOLERANCE: f64 = 0.1;
 const PRIOR_ATTITUDE: f64 = 0.087;
 const PRIOR_POSITION: f64 = 10.0;
 const PRIOR_VELOCITY: f64 = 1.0;
+/// Keyframes for which room is made beforehand; only a batch has more.
+const WINDOW_RESERVED: usize = 512;
 /// Damping tried in turn when the information does not determine a state.
 const DAMPINGS: [f64; 5] = [0.0, 1e-9, 1e-7, 1e-5, 1e-3];
 
@@ -74,7 +76,7 @@ impl Window {
         Window {
             config,
             world,
-            nodes: VecDeque::with_capacity(config.window + 2),
+            nodes: VecDeque::with_capacity((config.window + 2).min(WINDOW_RESERVED)),
             spare: Vec::with_capacity(2),
             prior: Marginal { information: Block::zeros(), right: BlockVector::zeros() },
             prior_is_marginal: false,
@@ -328,6 +330,75 @@ impl Window {
         let moved = right - information * step;
         self.prior =
             Marginal { information: carry.transpose() * information * carry, right: carry.transpose() * moved };
+    }
+
+    /// The prior on the oldest keyframe.
+    pub fn prior(&self) -> &Marginal<DIM> {
+        &self.prior
+    }
+
+    /// Moves every linearisation point to its estimate and evaluates everything anew there. Half the robust sum of
+    /// squares at the estimate, prior included.
+    pub fn linearise_all(&mut self, history: &ImuHistory, imu: &ImuModel) -> f64 {
+        let Window { nodes, world, .. } = self;
+        let mut first_step = None;
+        for index in 0..nodes.len() {
+            let t_next = nodes.get(index + 1).map(|next| next.t);
+            nodes[index].reintegrate(t_next, history, imu);
+            let step = nodes[index].reanchor();
+            first_step.get_or_insert(step);
+            nodes[index].linearise_sensors(world);
+        }
+        if let Some(step) = first_step {
+            self.carry_prior(&step);
+        }
+        for index in 0..self.nodes.len() {
+            self.linearise_interval(index);
+        }
+        self.dirty = 0;
+        self.uncounted = 0;
+        self.cost() + self.prior_cost()
+    }
+
+    /// Half the squared norm of the prior at its linearisation point, up to a constant: ½ηᵀΛ⁻¹η.
+    fn prior_cost(&self) -> f64 {
+        cholesky(&self.prior.information).map_or(0.0, |factor| {
+            let mut whitened = self.prior.right;
+            solve_lower(&factor, &mut whitened);
+            0.5 * dot(&whitened, &whitened)
+        })
+    }
+
+    /// Undoes [`Window::linearise_all`]: the points and the prior as they were. To be linearised again.
+    pub fn go_back_to(&mut self, points: &[NavState], prior: Marginal<DIM>) {
+        for (node, point) in self.nodes.iter_mut().zip(points) {
+            node.linearised = *point;
+            node.state = *point;
+            node.delta = BlockVector::zeros();
+        }
+        self.prior = prior;
+    }
+
+    /// Factorises every link; `false` where the matrix is singular.
+    pub fn sweep_all(&mut self, damping: f64) -> bool {
+        self.dirty = 0;
+        for index in 0..self.nodes.len() {
+            self.gather(index);
+        }
+        let is_regular = self.factorise(damping, &mut SolveReport::default()).is_ok();
+        self.dirty = self.nodes.len();
+        is_regular
+    }
+
+    /// Takes the step of every link, newest first, and shows it.
+    pub fn substitute_all(&mut self, mut show: impl FnMut(&BlockVector<DIM>)) {
+        let mut next: Option<BlockVector<DIM>> = None;
+        for node in self.nodes.iter_mut().rev() {
+            let delta = wide(|| node.link.substitute(next.as_ref()));
+            node.take_step(delta);
+            show(&delta);
+            next = Some(delta);
+        }
     }
 
     /// Covariance of the newest keyframe. `None` before the first solve.

@@ -1,9 +1,11 @@
 //! Estimators by name.
 
-use nav_fgo::FgoEstimator;
+use nav_fgo::{FgoEstimator, Smoothed};
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
-use shared_types::{Config, EstimatorKind, FrameOrigin, KeyframeReport, Measurement, SensorCounts, Solution};
+use shared_types::{
+    Config, EstimatorKind, FrameOrigin, KeyframeReport, Measurement, NavEstimate, SensorCounts, Solution,
+};
 
 /// The estimator that the configuration names.
 #[derive(Clone, Debug)]
@@ -32,6 +34,20 @@ impl ChosenEstimator {
     pub fn resume(&mut self, solution: &Solution) -> bool {
         match self {
             ChosenEstimator::Fgo(fgo) => fgo.resume(solution),
+        }
+    }
+
+    /// The trajectory given all that the window holds; see [`FgoEstimator::smooth`].
+    pub fn smooth(&mut self, max_passes: u32) -> Option<Smoothed> {
+        match self {
+            ChosenEstimator::Fgo(fgo) => fgo.smooth(max_passes),
+        }
+    }
+
+    /// Shows a smoothed trajectory at every IMU sample.
+    pub fn along(&self, smoothed: &Smoothed, show: impl FnMut(&NavEstimate)) {
+        match self {
+            ChosenEstimator::Fgo(fgo) => fgo.along(smoothed, show),
         }
     }
 

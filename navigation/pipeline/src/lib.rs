@@ -8,6 +8,7 @@ mod navigator;
 mod rebase;
 
 pub use chosen::ChosenEstimator;
+pub use nav_fgo::{BatchReport, Smoothed, SmoothedKeyframe};
 pub use nav_models::estimator::{Effort, Estimator, EstimatorError};
 pub use navigator::{Navigator, Output, SolveClock, Unmeasured};
 pub use rebase::Rebase;

@@ -1,15 +1,19 @@
 //! Preprocessor, estimator and propagator in line.
 
+use nav_fgo::Smoothed;
 use nav_models::estimator::{Effort, Estimator};
 use nav_models::propagator::Propagator;
 use nav_preprocessing::{ImuGate, ImuVerdict, Preprocessor};
 use shared_types::{
-    BuoyFix, Config, FrameOrigin, KeyframeReport, Measurement, NavEstimate, RawReading, RejectReason, SENSORS,
-    SensorCounts, SensorHealth, Solution, Time,
+    BuoyFix, Config, Duration, FrameOrigin, KeyframeReport, Measurement, NavEstimate, RawReading, RejectReason,
+    SENSORS, SensorCounts, SensorHealth, Solution, Time,
 };
 
 use crate::chosen::ChosenEstimator;
 use crate::rebase::{Arrivals, Rebase};
+
+/// Intervals of the longest window that may be configured.
+const LONGEST_WINDOW: usize = 500;
 
 /// What comes out of the navigator.
 #[derive(Clone, Copy, Debug)]
@@ -72,6 +76,28 @@ impl Navigator {
             propagator: Propagator::new(config),
             knows_origin: false,
         }
+    }
+
+    /// A navigator whose estimator keeps every keyframe, for [`Navigator::smooth`] at the end. Some 40 kB per keyframe.
+    pub fn keeping_all(config: &Config) -> Navigator {
+        let mut config = config.clone();
+        // Readings find their keyframes as late as the longest window lets them.
+        config.navigator.fgo.window = LONGEST_WINDOW;
+        let mut navigator = Navigator::new(&config, Rebase::After(Duration::ZERO));
+        config.navigator.fgo.window = u32::MAX as usize;
+        navigator.back.estimator = ChosenEstimator::new(&config);
+        navigator
+    }
+
+    /// The trajectory given all that was pushed. `None` before the first keyframe, or where the measurements do not
+    /// determine it.
+    pub fn smooth(&mut self, max_passes: u32) -> Option<Smoothed> {
+        self.back.estimator.smooth(max_passes)
+    }
+
+    /// Shows a smoothed trajectory at every IMU sample from its first keyframe on.
+    pub fn along(&self, smoothed: &Smoothed, show: impl FnMut(&NavEstimate)) {
+        self.back.estimator.along(smoothed, show);
     }
 
     /// Gives all buoy positions of a log beforehand, to be interpolated.

@@ -41,6 +41,12 @@ pub enum ReplayError {
         /// Which file.
         file: PathBuf,
     },
+    /// A log in which the vehicle never got a first state, or whose measurements do not determine the states.
+    #[error("{}: no trajectory: the measurements never gave a first state, or do not determine one (`ilns replay` shows what was refused, and why)", log.display())]
+    NothingToSmooth {
+        /// Which log.
+        log: PathBuf,
+    },
     /// A file that a command line names cannot be read or written.
     #[error("{}: cannot {action}", file.display())]
     Io {

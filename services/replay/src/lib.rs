@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! ilns replay  log directory -> estimate.csv, estimate.tum, summary.json
+//! ilns smooth  log directory -> the same, each estimate with what came after it
 //! ilns score   estimate.csv, truth.csv -> error statistics
 //! ilns plot    estimate.csv, truth.csv -> picture.svg
 //! ```
@@ -16,6 +17,7 @@ pub mod plot;
 mod progress;
 pub mod replay;
 pub mod score;
+pub mod smooth;
 mod svg;
 mod thinned;
 
@@ -25,3 +27,4 @@ pub use output::{ReplayOutput, RunFacts};
 pub use plot::PlotArgs;
 pub use progress::Progress;
 pub use score::ScoreArgs;
+pub use smooth::SmoothArgs;

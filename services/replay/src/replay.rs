@@ -18,7 +18,7 @@ use crate::error::ReplayError;
 use crate::output::{ReplayOutput, RunFacts};
 
 /// Longest solve told apart from longer ones, ns.
-const LONGEST_SOLVE: u64 = 60_000_000_000;
+pub(crate) const LONGEST_SOLVE: u64 = 60_000_000_000;
 
 /// Runs `ilns replay`.
 ///
@@ -68,17 +68,10 @@ fn replay(
     if !merged.is_recording() {
         navigator = navigator.with_known_buoys(log.buoy_fixes()?);
     }
-    let mut facts = RunFacts {
-        estimator: config.navigator.estimator.name(),
-        window: config.navigator.fgo.window,
-        keyframes: 0,
-        keyframes_unsolved: 0,
-        iterations: 0,
-        solve_ns: Histogram::new_with_bounds(1, LONGEST_SOLVE, 3)
-            .expect("1 < LONGEST_SOLVE / 2 and 3 digits are in bounds"),
-        received: [0; 7],
-        counts: [SensorCounts::default(); 7],
-    };
+    let mut keyframes = 0;
+    let mut iterations = 0;
+    let mut solve_ns =
+        Histogram::new_with_bounds(1, LONGEST_SOLVE, 3).expect("1 < LONGEST_SOLVE / 2 and 3 digits are in bounds");
     let mut clock = ThreadClock;
     let mut failed = Ok(());
     let mut sink = |event: Output<'_>| match event {
@@ -89,10 +82,10 @@ fn replay(
             }
         }
         Output::Solution(solution, _) => {
-            facts.keyframes += 1;
-            facts.iterations += u64::from(solution.iterations);
+            keyframes += 1;
+            iterations += u64::from(solution.iterations);
             if solution.keyframes as usize > config.navigator.fgo.window {
-                facts.solve_ns.saturating_record(solution.solve_ns);
+                solve_ns.saturating_record(solution.solve_ns);
             }
         }
     };
@@ -101,7 +94,23 @@ fn replay(
     }
     navigator.finish(&mut clock, &mut sink);
     failed?;
-    facts.keyframes_unsolved = navigator.keyframe_errors();
+    let estimator = config.navigator.estimator.name();
+    let window = config.navigator.fgo.window;
+    output.finish(&RunFacts { estimator, window, keyframes, iterations, solve_ns, ..facts_of(&navigator) })
+}
+
+/// What the navigator itself counted.
+pub(crate) fn facts_of(navigator: &Navigator) -> RunFacts {
+    let mut facts = RunFacts {
+        estimator: "",
+        window: 0,
+        keyframes: 0,
+        keyframes_unsolved: navigator.keyframe_errors(),
+        iterations: 0,
+        solve_ns: Histogram::new(3).expect("3 digits are in bounds"),
+        received: [0; 7],
+        counts: [SensorCounts::default(); 7],
+    };
     for sensor in SENSORS {
         let index = sensor.index();
         facts.received[index] = navigator.health()[index].received;
@@ -110,11 +119,11 @@ fn replay(
             facts.counts[index].rejected[reason.index()] = count;
         }
     }
-    output.finish(&facts)
+    facts
 }
 
 /// CPU time of this thread.
-struct ThreadClock;
+pub(crate) struct ThreadClock;
 
 impl SolveClock for ThreadClock {
     fn thread_ns(&mut self) -> u64 {

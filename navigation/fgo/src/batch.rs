@@ -1,0 +1,111 @@
+//! The whole window as one batch: Levenberg-Marquardt to convergence, covariances everywhere.
+//!
+//! The sliding window spares itself what is not felt; here every state is linearised at its estimate in every pass, and a
+//! step is kept only if the robust cost falls (§4.3 of the method). The chain is the same, so a pass over 2200 keyframes
+//! is a sweep of 2200 links.
+//!
+//! ```text
+//! C_n = (L_n L_nᵀ)⁻¹,   C_k = L_k⁻ᵀ (I + Y_k C_{k+1} Y_kᵀ) L_k⁻¹
+//! ```
+
+use nav_models::state::NavState;
+use nav_models::wide;
+
+use crate::interval::{ImuHistory, ImuModel};
+use crate::kernels::Block;
+use crate::node::lengths;
+use crate::rows::DIM;
+use crate::window::Window;
+
+/// A step smaller than this everywhere ends the batch: a hundredth of what any sensor resolves.
+const DONE_POSITION: f64 = 1e-4;
+const DONE_VELOCITY: f64 = 1e-4;
+const DONE_ATTITUDE: f64 = 1e-6;
+/// A cost that falls by a smaller share than this has stopped falling: kernels creep for long over nothing.
+const DONE_COST: f64 = 1e-7;
+/// Damping after a first step that failed, and how it changes with failure and success.
+const DAMPING_FIRST: f64 = 1e-6;
+const DAMPING_RAISE: f64 = 10.0;
+const DAMPING_LOWER: f64 = 0.3;
+const DAMPING_MAX: f64 = 1e3;
+
+/// What a batch did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BatchReport {
+    /// Linearisations of all states.
+    pub passes: u32,
+    /// The last step was small enough.
+    pub converged: bool,
+    /// Half the robust sum of squares, prior included, before and after.
+    pub cost: [f64; 2],
+}
+
+impl Window {
+    /// Solves over all keyframes until nothing moves, in at most `max_passes` linearisations.
+    pub fn solve_batch(&mut self, max_passes: u32, history: &ImuHistory, imu: &ImuModel) -> BatchReport {
+        let mut report = BatchReport::default();
+        let mut damping = 0.0;
+        let mut cost = self.linearise_all(history, imu);
+        report.cost = [cost; 2];
+        while report.passes < max_passes {
+            report.passes += 1;
+            let kept: Vec<NavState> = self.nodes().iter().map(|node| node.linearised).collect();
+            let kept_prior = self.prior().clone();
+            let stepped = self.step_all(damping);
+            let step_is_small = stepped.is_some_and(|largest| {
+                largest[0] < DONE_POSITION && largest[1] < DONE_VELOCITY && largest[2] < DONE_ATTITUDE
+            });
+            let new_cost = if stepped.is_some() { self.linearise_all(history, imu) } else { f64::INFINITY };
+            // The negation also refuses a cost that is no number. At the minimum a cost may rise by its own rounding.
+            if !(new_cost <= cost * (1.0 + 1e-12) || step_is_small) {
+                self.go_back_to(&kept, kept_prior);
+                self.linearise_all(history, imu);
+                damping = if damping == 0.0 { DAMPING_FIRST } else { damping * DAMPING_RAISE };
+                if damping > DAMPING_MAX {
+                    break;
+                }
+                continue;
+            }
+            damping = if damping > DAMPING_FIRST { damping * DAMPING_LOWER } else { 0.0 };
+            let fell_by = cost - new_cost;
+            cost = new_cost;
+            report.cost[1] = cost;
+            if step_is_small || fell_by < DONE_COST * cost {
+                report.converged = true;
+                break;
+            }
+        }
+        // Covariances are those of the undamped matrix at the estimate.
+        self.step_all(0.0);
+        report
+    }
+
+    /// Covariance of every keyframe given all measurements, oldest first; `None` where the information does not determine
+    /// the newest.
+    pub fn covariances(&self) -> Option<Vec<Block<DIM>>> {
+        let mut covariances = vec![Block::zeros(); self.nodes().len()];
+        let mut next = self.newest_covariance()?;
+        for (node, covariance) in self.nodes().iter().zip(&mut covariances).rev() {
+            if node.t < self.nodes().back()?.t {
+                next = wide(|| node.link.covariance_before(&next));
+            }
+            *covariance = next;
+        }
+        Some(covariances)
+    }
+
+    /// Sweeps and substitutes over all links; the largest step by position, velocity and attitude. `None` if the matrix
+    /// is singular in spite of the damping.
+    fn step_all(&mut self, damping: f64) -> Option<[f64; 3]> {
+        if !self.sweep_all(damping) {
+            return None;
+        }
+        let mut largest = [0.0_f64; 3];
+        self.substitute_all(|delta| {
+            for (largest, length) in largest.iter_mut().zip(lengths(delta)) {
+                *largest = largest.max(length);
+            }
+        });
+        largest.iter().all(|x| x.is_finite()).then_some(largest)
+    }
+}

@@ -1,0 +1,263 @@
+//! The trajectory given the whole log: the estimate of the past with what came after (§4 of the method, window = log).
+//!
+//! The readings pass through the estimator as ever, which ties and gates them; its window just never forgets. At the end the
+//! window is solved as one batch. Between keyframes the trajectory runs along the IMU samples:
+//!
+//! ```text
+//! x(t) = transport(x_k, t_k→t) ⊞ s·d,   d = x_{k+1} ⊟ transport(x_k, t_k→t_{k+1}),   s = (t − t_k)/(t_{k+1} − t_k)
+//! C(t) = (1 − s) C_k + s C_{k+1}        attitude in the axes of the vehicle at t
+//! ```
+//!
+//! d is what the IMU factor leaves over, millimetres at most, so its share along the way matters less still; what the
+//! samples of one interval add to C between its ends is below a millimetre. After the last keyframe there is no d, and C grows.
+
+use nalgebra::Matrix3;
+use nav_models::preintegration::Preintegration;
+use nav_models::state::{ATTITUDE, NavState, POSITION, VELOCITY};
+use nav_models::transport::{transport, transport_jacobians};
+use nav_models::world::WorldModel;
+use shared_types::{AIDING, Config, Duration, Header, Mode, NavEstimate, Sensor, Time};
+
+use crate::batch::BatchReport;
+use crate::interval::{ImuHistory, ImuModel, TimedPoint};
+use crate::kernels::{Block, BlockVector};
+use crate::rows::DIM;
+use crate::window::Window;
+
+/// A keyframe given the whole log.
+#[derive(Clone, Debug)]
+pub struct SmoothedKeyframe {
+    /// Data time.
+    pub t: Time,
+    /// Its state.
+    pub state: NavState,
+    /// Of the 15 error coordinates.
+    pub covariance: Block<DIM>,
+}
+
+/// The trajectory given the whole log.
+#[derive(Clone, Debug)]
+pub struct Smoothed {
+    /// Oldest first.
+    pub keyframes: Vec<SmoothedKeyframe>,
+    /// How it was found.
+    pub report: BatchReport,
+    /// Data times of the measurements used, by [`AIDING`] sensor, in order.
+    used: [Vec<Time>; AIDING.len()],
+}
+
+impl Smoothed {
+    /// Solves the window as one batch. `None` where the information does not determine the states.
+    pub(crate) fn of(window: &mut Window, history: &ImuHistory, imu: &ImuModel, max_passes: u32) -> Option<Smoothed> {
+        let report = window.solve_batch(max_passes, history, imu);
+        let covariances = window.covariances()?;
+        let mut used: [Vec<Time>; AIDING.len()] = Default::default();
+        for factor in window.nodes().iter().flat_map(|node| &node.factors) {
+            if let Some(at) = AIDING.iter().position(|&aiding| aiding == factor.sensor()) {
+                used[at].push(factor.t);
+            }
+        }
+        used.iter_mut().for_each(|times| times.sort_unstable());
+        let keyframes = window
+            .nodes()
+            .iter()
+            .zip(covariances)
+            .map(|(node, covariance)| SmoothedKeyframe { t: node.t, state: node.state, covariance })
+            .collect();
+        Some(Smoothed { keyframes, report, used })
+    }
+
+    /// Shows the estimate at every IMU sample from the first keyframe on.
+    pub(crate) fn along(
+        &self,
+        world: &WorldModel,
+        config: &Config,
+        history: &ImuHistory,
+        imu: &ImuModel,
+        mut show: impl FnMut(&NavEstimate),
+    ) {
+        let mut teller = Teller { world, config, used: &self.used, passed: [0; AIDING.len()], sequence: 0 };
+        for (index, keyframe) in self.keyframes.iter().enumerate() {
+            let Some(point) = history.at(keyframe.t) else { continue };
+            let next = self.keyframes.get(index + 1);
+            let start = TimedPoint { t: keyframe.t, point };
+            let mut stretch = Stretch::new(keyframe, next, start, history, imu, world);
+            let t_end = next.map_or(Time::MAX, |next| next.t);
+            // A sample at a keyframe belongs to it; `between` leaves both ends out.
+            if history.is_sample(keyframe.t) {
+                show(&teller.tell(index as u64 + 1, keyframe.t, keyframe.t, &stretch.at(keyframe.t, world)));
+            }
+            for sample in history.between(keyframe.t, t_end) {
+                stretch.advance(sample, imu);
+                show(&teller.tell(index as u64 + 1, keyframe.t, sample.t, &stretch.at(sample.t, world)));
+            }
+        }
+    }
+}
+
+/// Where the vehicle is, and how sure that is.
+struct Place {
+    state: NavState,
+    position: Matrix3<f64>,
+    velocity: Matrix3<f64>,
+    /// Body axes.
+    attitude: Matrix3<f64>,
+}
+
+/// From one keyframe towards the next.
+struct Stretch<'a> {
+    from: &'a SmoothedKeyframe,
+    next: Option<(&'a SmoothedKeyframe, BlockVector<DIM>)>,
+    last: TimedPoint,
+    increment: Preintegration,
+}
+
+impl<'a> Stretch<'a> {
+    fn new(
+        from: &'a SmoothedKeyframe,
+        next: Option<&'a SmoothedKeyframe>,
+        start: TimedPoint,
+        history: &ImuHistory,
+        imu: &ImuModel,
+        world: &WorldModel,
+    ) -> Stretch<'a> {
+        let (accel_bias, gyro_bias) = (from.state.accel_bias, from.state.gyro_bias);
+        let next = next.and_then(|next| {
+            let whole = history.integrate(from.t, next.t, &accel_bias, &gyro_bias, imu)?;
+            Some((next, next.state.local(&transport(&from.state, &whole, world))))
+        });
+        Stretch { from, next, last: start, increment: Preintegration::new(accel_bias, gyro_bias) }
+    }
+
+    fn advance(&mut self, sample: &TimedPoint, imu: &ImuModel) {
+        let dt = (sample.t - self.last.t).as_seconds();
+        if self.next.is_some() {
+            self.increment.step_mean(dt, &self.last.point, &sample.point);
+        } else {
+            let inflation = imu.inflation(sample.t - self.last.t);
+            self.increment.step(&imu.noise, dt, &self.last.point, &sample.point, inflation);
+        }
+        self.last = *sample;
+    }
+
+    fn at(&self, t: Time, world: &WorldModel) -> Place {
+        let carried = transport(&self.from.state, &self.increment, world);
+        let Some((next, left_over)) = &self.next else { return self.beyond_the_last(carried, world) };
+        let share = (t - self.from.t).as_seconds() / (next.t - self.from.t).as_seconds();
+        let state = carried.retract(&(left_over * share));
+        let blend = |near: Matrix3<f64>, far: Matrix3<f64>| near * (1.0 - share) + far * share;
+        let block =
+            |keyframe: &SmoothedKeyframe, at: usize| keyframe.covariance.fixed_view::<3, 3>(at, at).into_owned();
+        let attitude = |keyframe: &SmoothedKeyframe| {
+            let turn = state.r_enu_body().transpose() * keyframe.state.r_enu_body();
+            turn * block(keyframe, ATTITUDE) * turn.transpose()
+        };
+        Place {
+            position: blend(block(self.from, POSITION), block(next, POSITION)),
+            velocity: blend(block(self.from, VELOCITY), block(next, VELOCITY)),
+            attitude: blend(attitude(self.from), attitude(next)),
+            state,
+        }
+    }
+
+    fn beyond_the_last(&self, state: NavState, world: &WorldModel) -> Place {
+        let jacobians = transport_jacobians(&self.from.state, &self.increment, world);
+        let covariance = jacobians.state * self.from.covariance * jacobians.state.transpose()
+            + jacobians.increment * self.increment.increment_covariance() * jacobians.increment.transpose();
+        let block = |at: usize| covariance.fixed_view::<3, 3>(at, at).into_owned();
+        Place { state, position: block(POSITION), velocity: block(VELOCITY), attitude: block(ATTITUDE) }
+    }
+}
+
+/// Puts places into messages.
+struct Teller<'a> {
+    world: &'a WorldModel,
+    config: &'a Config,
+    used: &'a [Vec<Time>; AIDING.len()],
+    /// Measurements not later than the last place, by sensor.
+    passed: [usize; AIDING.len()],
+    sequence: u64,
+}
+
+impl Teller<'_> {
+    fn tell(&mut self, solution: u64, t_keyframe: Time, t: Time, place: &Place) -> NavEstimate {
+        self.sequence += 1;
+        let aiding_age = self.aiding_age(t);
+        let up_body = place.state.r_enu_body().row(2).transpose();
+        let about_up = up_body.dot(&(place.attitude * up_body));
+        NavEstimate {
+            header: Header { sequence: self.sequence, ..Header::at(t) },
+            solution,
+            t_keyframe: t_keyframe.0,
+            position_enu: place.state.position_enu.into(),
+            velocity_enu: place.state.velocity_enu.into(),
+            q_enu_body: place.state.quaternion_wxyz(),
+            accel_bias: place.state.accel_bias.into(),
+            gyro_bias: place.state.gyro_bias.into(),
+            position_cov: upper_triangle(&place.position),
+            velocity_cov: upper_triangle(&place.velocity),
+            attitude_cov: upper_triangle(&place.attitude),
+            sigma_rpy: [place.attitude[(0, 0)], place.attitude[(1, 1)], about_up].map(|v| v.max(0.0).sqrt()),
+            lat_lon_h: self.world.frame.to_geodetic(&place.state.position_enu).to_degrees(),
+            aiding_age,
+            mode: self.mode(&place.position, &aiding_age) as u32,
+            reserved: 0,
+        }
+    }
+
+    /// To the nearest measurement used, before or after, s: a smoother is aided from both sides.
+    fn aiding_age(&mut self, t: Time) -> [f64; AIDING.len()] {
+        core::array::from_fn(|sensor| {
+            let (times, passed) = (&self.used[sensor], &mut self.passed[sensor]);
+            while times.get(*passed).is_some_and(|&used| used <= t) {
+                *passed += 1;
+            }
+            let before = passed.checked_sub(1).map(|last| (t - times[last]).as_seconds());
+            let after = times.get(*passed).map(|&next| (next - t).as_seconds());
+            before.unwrap_or(f64::INFINITY).min(after.unwrap_or(f64::INFINITY))
+        })
+    }
+
+    /// As the propagator judges, by the nearest measurement in place of the last.
+    fn mode(&self, position: &Matrix3<f64>, aiding_age: &[f64; AIDING.len()]) -> Mode {
+        let limits = &self.config.navigator.propagator;
+        let age = |sensor: Sensor| {
+            AIDING.iter().position(|&aiding| aiding == sensor).map_or(f64::INFINITY, |at| aiding_age[at])
+        };
+        let is_near = |sensor: Sensor, limit: Duration| age(sensor) <= limit.as_seconds();
+        let variance = position[(0, 0)].max(position[(1, 1)]);
+        // A variance that is no number is not within the limit either.
+        if !(variance <= limits.max_position_sigma * limits.max_position_sigma) {
+            return Mode::Invalid;
+        }
+        if ![Sensor::Lbl, Sensor::Gnss].into_iter().any(|sensor| is_near(sensor, limits.position_timeout)) {
+            return Mode::DeadReckoning;
+        }
+        let is_missing = |sensor: Sensor| age(sensor).is_finite() && !is_near(sensor, limits.aiding_timeout);
+        if [Sensor::Dvl, Sensor::Mcp, Sensor::Ps].into_iter().any(is_missing) { Mode::Degraded } else { Mode::Ok }
+    }
+}
+
+/// ee, en, eu, nn, nu, uu.
+fn upper_triangle(m: &Matrix3<f64>) -> [f64; 6] {
+    [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_age_is_that_of_the_nearest_measurement_on_either_side() {
+        let config = Config::default();
+        let world = WorldModel::new(nav_geometry::Geodetic::from_degrees(36.0, 127.0, 0.0), &config);
+        let mut used: [Vec<Time>; AIDING.len()] = Default::default();
+        used[0] = vec![Time::from_seconds(10.0), Time::from_seconds(20.0)];
+        let mut teller = Teller { world: &world, config: &config, used: &used, passed: [0; AIDING.len()], sequence: 0 };
+        for (t, expected) in [(4.0, 6.0), (10.0, 0.0), (13.0, 3.0), (18.0, 2.0), (25.0, 5.0)] {
+            let ages = teller.aiding_age(Time::from_seconds(t));
+            assert!((ages[0] - expected).abs() < 1e-9, "{t}: {ages:?}");
+            assert!(ages[1].is_infinite());
+        }
+    }
+}
