@@ -51,6 +51,36 @@ fn succeed(arguments: &[&str]) -> String {
 }
 
 #[test]
+fn smoothing_leaves_the_same_files_and_smaller_errors() {
+    let logs = Logs::new();
+    logs.simulate("realistic", "log");
+    let causal = logs.replay("log", "causal", &[]);
+    let (log, out, again) = (logs.path("log"), logs.path("smoothed"), logs.path("again"));
+    for out in [&out, &again] {
+        succeed(&["smooth", text(&log), "--out", text(out)]);
+    }
+    for file in ["estimate.csv", "estimate.tum"] {
+        let read = |out: &Path| std::fs::read(out.join(file)).expect("it was written");
+        assert!(read(&out) == read(&again), "{file} differs");
+    }
+    let summary = std::fs::read_to_string(out.join("summary.json")).expect("it was written");
+    let summary: Value = serde_json::from_str(&summary).expect("it is JSON");
+    let rms = |summary: &Value| summary["score"]["rms_horizontal"].as_f64().expect("there is a truth");
+    assert!(rms(&summary) < 0.9 * rms(&causal), "{} against {}", rms(&summary), rms(&causal));
+    assert_eq!(summary["estimator"], "fgo batch");
+    assert_eq!(summary["sensors"]["lbl"]["received"], causal["sensors"]["lbl"]["received"]);
+    // Half a second is too short for a first state.
+    let imu = std::fs::read_to_string(log.join("imu.csv")).expect("it was written");
+    let short: String = imu.split_inclusive('\n').take(100).collect();
+    std::fs::write(log.join("imu.csv"), short).expect("it can be written");
+    let output = ilns(&["smooth", text(&log), "--out", text(&out)]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{errors}");
+    assert!(errors.contains("no trajectory") && errors.trim_end().lines().count() == 1, "{errors}");
+    assert!(!out.join("estimate.csv").exists(), "the estimates of the run before");
+}
+
+#[test]
 fn two_replays_of_one_log_are_the_same_bytes() {
     let logs = Logs::new();
     logs.simulate("realistic", "log");

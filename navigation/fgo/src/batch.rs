@@ -1,14 +1,13 @@
 //! The whole window as one batch: Levenberg-Marquardt to convergence, covariances everywhere.
 //!
-//! The sliding window spares itself what is not felt; here every state is linearised at its estimate in every pass, and a
-//! step is kept only if the robust cost falls (§4.3 of the method). The chain is the same, so a pass over 2200 keyframes
-//! is a sweep of 2200 links.
+//! The sliding window spares itself what is not felt; here every link is swept in every pass, every state that has moved
+//! by a centimetre is linearised anew, and a step is kept only if the robust cost falls (§4.3 of the method). The chain is
+//! the same, so a pass over 2200 keyframes is a sweep of 2200 links.
 //!
 //! ```text
 //! C_n = (L_n L_nᵀ)⁻¹,   C_k = L_k⁻ᵀ (I + Y_k C_{k+1} Y_kᵀ) L_k⁻¹
 //! ```
 
-use nav_models::state::NavState;
 use nav_models::wide;
 
 use crate::interval::{ImuHistory, ImuModel};
@@ -32,7 +31,7 @@ const DAMPING_MAX: f64 = 1e3;
 /// What a batch did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BatchReport {
-    /// Linearisations of all states.
+    /// Sweeps over all states.
     pub passes: u32,
     /// The last step was small enough.
     pub converged: bool,
@@ -41,25 +40,24 @@ pub struct BatchReport {
 }
 
 impl Window {
-    /// Solves over all keyframes until nothing moves, in at most `max_passes` linearisations.
+    /// Solves over all keyframes until nothing moves, in at most `max_passes` sweeps.
     pub fn solve_batch(&mut self, max_passes: u32, history: &ImuHistory, imu: &ImuModel) -> BatchReport {
         let mut report = BatchReport::default();
-        let mut damping = 0.0;
-        let mut cost = self.linearise_all(history, imu);
+        let (mut damping, mut swept_with) = (0.0, 0.0);
+        let mut cost = self.relinearise(false, history, imu);
         report.cost = [cost; 2];
         while report.passes < max_passes {
             report.passes += 1;
-            let kept: Vec<NavState> = self.nodes().iter().map(|node| node.linearised).collect();
-            let kept_prior = self.prior().clone();
+            let kept = self.remember();
+            swept_with = damping;
             let stepped = self.step_all(damping);
             let step_is_small = stepped.is_some_and(|largest| {
                 largest[0] < DONE_POSITION && largest[1] < DONE_VELOCITY && largest[2] < DONE_ATTITUDE
             });
-            let new_cost = if stepped.is_some() { self.linearise_all(history, imu) } else { f64::INFINITY };
+            let new_cost = if stepped.is_some() { self.relinearise(false, history, imu) } else { f64::INFINITY };
             // The negation also refuses a cost that is no number. At the minimum a cost may rise by its own rounding.
             if !(new_cost <= cost * (1.0 + 1e-12) || step_is_small) {
-                self.go_back_to(&kept, kept_prior);
-                self.linearise_all(history, imu);
+                self.go_back(kept, history, imu);
                 damping = if damping == 0.0 { DAMPING_FIRST } else { damping * DAMPING_RAISE };
                 if damping > DAMPING_MAX {
                     break;
@@ -75,8 +73,10 @@ impl Window {
                 break;
             }
         }
-        // Covariances are those of the undamped matrix at the estimate.
-        self.step_all(0.0);
+        if swept_with > 0.0 || !report.converged {
+            // Covariances are those of the undamped matrix at the estimate.
+            self.step_all(0.0);
+        }
         report
     }
 

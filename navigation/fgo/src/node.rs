@@ -21,6 +21,12 @@ const REANCHOR_POSITION: f64 = 0.3;
 const REANCHOR_VELOCITY: f64 = 0.3;
 const REANCHOR_ATTITUDE: f64 = 2e-3;
 
+/// In a batch, which sweeps everything in any case, a state is linearised anew much earlier: the ranges' curvature over
+/// 1 cm and the attitude's over 0.1 mrad are a ten-thousandth of their sigmas.
+const BATCH_POSITION: f64 = 1e-2;
+const BATCH_VELOCITY: f64 = 1e-2;
+const BATCH_ATTITUDE: f64 = 1e-4;
+
 /// A step smaller than this need not be carried to older states (§4.3).
 const CARRY_POSITION: f64 = 1e-3;
 const CARRY_VELOCITY: f64 = 1e-3;
@@ -211,6 +217,14 @@ impl Node {
         position > REANCHOR_POSITION
             || velocity > REANCHOR_VELOCITY
             || attitude > REANCHOR_ATTITUDE
+            || self.interval.needs_reintegration(&self.state)
+    }
+
+    /// The same for a batch.
+    pub fn has_left_its_point(&self) -> bool {
+        let [position, velocity, attitude] = lengths(&self.delta);
+        // The negation is for a step that is no number.
+        !(position < BATCH_POSITION && velocity < BATCH_VELOCITY && attitude < BATCH_ATTITUDE)
             || self.interval.needs_reintegration(&self.state)
     }
 

@@ -30,6 +30,8 @@ use crate::rows::{DIM, Row};
 
 /// Weights that differ by less are left alone (§4.3: 0.03 costs three times the work for the same error).
 const WEIGHT_TOLERANCE: f64 = 0.1;
+/// The same in a batch, which ends at the minimum itself.
+const BATCH_WEIGHT_TOLERANCE: f64 = 1e-3;
 /// A prior's keyframe that has moved further is re-anchored in spite of FEJ.
 const PRIOR_ATTITUDE: f64 = 0.087;
 const PRIOR_POSITION: f64 = 10.0;
@@ -332,51 +334,61 @@ impl Window {
             Marginal { information: carry.transpose() * information * carry, right: carry.transpose() * moved };
     }
 
-    /// The prior on the oldest keyframe.
-    pub fn prior(&self) -> &Marginal<DIM> {
-        &self.prior
-    }
-
-    /// Moves every linearisation point to its estimate and evaluates everything anew there. Half the robust sum of
-    /// squares at the estimate, prior included.
-    pub fn linearise_all(&mut self, history: &ImuHistory, imu: &ImuModel) -> f64 {
-        let Window { nodes, world, .. } = self;
-        let mut first_step = None;
-        for index in 0..nodes.len() {
-            let t_next = nodes.get(index + 1).map(|next| next.t);
-            nodes[index].reintegrate(t_next, history, imu);
-            let step = nodes[index].reanchor();
-            first_step.get_or_insert(step);
-            nodes[index].linearise_sensors(world);
-        }
-        if let Some(step) = first_step {
-            self.carry_prior(&step);
-        }
+    /// Brings everything to the estimate: states that are too far from their linearisation points (all of them if
+    /// `is_everything`) are linearised anew, weights follow the residuals. Half the robust sum of squares, prior included.
+    pub fn relinearise(&mut self, is_everything: bool, history: &ImuHistory, imu: &ImuModel) -> f64 {
+        let mut before_moved = false;
         for index in 0..self.nodes.len() {
-            self.linearise_interval(index);
+            let moved = is_everything || self.nodes[index].has_left_its_point();
+            if moved {
+                let t_next = self.nodes.get(index + 1).map(|next| next.t);
+                let Window { nodes, world, .. } = self;
+                nodes[index].reintegrate(t_next, history, imu);
+                let step = nodes[index].reanchor();
+                nodes[index].linearise_sensors(world);
+                if index == 0 {
+                    self.carry_prior(&step);
+                }
+            } else if self.nodes[index].refresh_weights(BATCH_WEIGHT_TOLERANCE) {
+                self.nodes[index].assemble_sensors();
+            }
+            if index > 0 && (moved || before_moved) {
+                self.linearise_interval(index - 1);
+            }
+            before_moved = moved;
         }
         self.dirty = 0;
         self.uncounted = 0;
         self.cost() + self.prior_cost()
     }
 
-    /// Half the squared norm of the prior at its linearisation point, up to a constant: ½ηᵀΛ⁻¹η.
+    /// Half the squared norm of the prior at the estimate: ½‖L⁻¹η − Lᵀδ‖², Λ = LLᵀ.
     fn prior_cost(&self) -> f64 {
-        cholesky(&self.prior.information).map_or(0.0, |factor| {
-            let mut whitened = self.prior.right;
-            solve_lower(&factor, &mut whitened);
-            0.5 * dot(&whitened, &whitened)
-        })
+        let (Some(oldest), Ok(factor)) = (self.nodes.front(), cholesky(&self.prior.information)) else { return 0.0 };
+        let mut whitened = self.prior.right;
+        solve_lower(&factor, &mut whitened);
+        0.5 * (whitened - factor.transpose() * oldest.delta).norm_squared()
     }
 
-    /// Undoes [`Window::linearise_all`]: the points and the prior as they were. To be linearised again.
-    pub fn go_back_to(&mut self, points: &[NavState], prior: Marginal<DIM>) {
-        for (node, point) in self.nodes.iter_mut().zip(points) {
-            node.linearised = *point;
-            node.state = *point;
-            node.delta = BlockVector::zeros();
+    /// Linearisation points and steps of all keyframes, and the prior, to come back to.
+    pub fn remember(&self) -> (Vec<(NavState, BlockVector<DIM>)>, Marginal<DIM>) {
+        (self.nodes.iter().map(|node| (node.linearised, node.delta)).collect(), self.prior.clone())
+    }
+
+    /// Goes back to what was remembered, linearised anew.
+    pub fn go_back(
+        &mut self,
+        (points, prior): (Vec<(NavState, BlockVector<DIM>)>, Marginal<DIM>),
+        history: &ImuHistory,
+        imu: &ImuModel,
+    ) {
+        for (node, (point, delta)) in self.nodes.iter_mut().zip(points) {
+            node.linearised = point;
+            node.delta = delta;
+            node.state = point.retract(&delta);
         }
         self.prior = prior;
+        self.relinearise(true, history, imu);
     }
 
     /// Factorises every link; `false` where the matrix is singular.
@@ -390,13 +402,14 @@ impl Window {
         is_regular
     }
 
-    /// Takes the step of every link, newest first, and shows it.
+    /// Takes the step of every link, newest first, and shows how far it goes from the last one.
     pub fn substitute_all(&mut self, mut show: impl FnMut(&BlockVector<DIM>)) {
         let mut next: Option<BlockVector<DIM>> = None;
         for node in self.nodes.iter_mut().rev() {
             let delta = wide(|| node.link.substitute(next.as_ref()));
+            let change = delta - node.delta;
             node.take_step(delta);
-            show(&delta);
+            show(&change);
             next = Some(delta);
         }
     }
