@@ -227,7 +227,8 @@ impl Teller<'_> {
         let is_near = |sensor: Sensor, limit: Duration| age(sensor) <= limit.as_seconds();
         let variance = position[(0, 0)].max(position[(1, 1)]);
         // A variance that is no number is not within the limit either.
-        if !(variance <= limits.max_position_sigma * limits.max_position_sigma) {
+        let is_within = variance <= limits.max_position_sigma * limits.max_position_sigma;
+        if !is_within {
             return Mode::Invalid;
         }
         if ![Sensor::Lbl, Sensor::Gnss].into_iter().any(|sensor| is_near(sensor, limits.position_timeout)) {
