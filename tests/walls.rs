@@ -42,7 +42,16 @@ const TABLE: &[Row] = &[
     ),
     (
         "experiments",
-        &["nav-pipeline", "ilns-recording", "nav-evaluation", "sim-world", "ilns-runtime", "ilns-replay"],
+        &[
+            "nav-pipeline",
+            "nav-models",
+            "nav-preprocessing",
+            "ilns-recording",
+            "nav-evaluation",
+            "sim-world",
+            "ilns-runtime",
+            "ilns-replay",
+        ],
         &["ilns-bus", "iceoryx2"],
     ),
     ("sim-world", &["nav-geometry", "shared-types"], &["nav-models"]),

@@ -18,7 +18,7 @@ const TRUTH_RATE: f64 = 10.0;
 /// What `ilns simulate` is asked for.
 #[derive(Args, Clone, Debug)]
 pub struct SimulateArgs {
-    /// What is simulated: mission, stable, outage, or the path of a scenario file.
+    /// What is simulated: mission, stable, outage, survey, or the path of a scenario file.
     #[arg(value_name = "SCENARIO")]
     pub scenario: String,
     /// Which noise is drawn: the same seed gives the same log.

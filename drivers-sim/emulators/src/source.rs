@@ -21,7 +21,7 @@ const TRUTH_RATE: f64 = 10.0;
 /// Which readings are emulated.
 #[derive(Clone, Debug, clap::Args)]
 pub struct SourceArgs {
-    /// What is simulated: mission, stable, outage, or the path of a scenario file.
+    /// What is simulated: mission, stable, outage, survey, or the path of a scenario file.
     #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_SCENARIO, conflicts_with = "log")]
     pub scenario: String,
     /// Folder of a recorded log whose readings are replayed instead of simulated ones.

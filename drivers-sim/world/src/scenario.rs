@@ -11,10 +11,11 @@ use crate::plan::Plan;
 use crate::scenario_file::{File, Locator, Problem};
 
 /// Names and texts of the scenarios that need no file.
-pub const BUILTIN_SCENARIOS: [(&str, &str); 3] = [
+pub const BUILTIN_SCENARIOS: [(&str, &str); 4] = [
     ("mission", include_str!("../../../deploy/scenarios/mission.toml")),
     ("stable", include_str!("../../../deploy/scenarios/stable.toml")),
     ("outage", include_str!("../../../deploy/scenarios/outage.toml")),
+    ("survey", include_str!("../../../deploy/scenarios/survey.toml")),
 ];
 
 /// A checked scenario. Times in s from its start, lengths in m, ENU of its origin. A sensor that is `None` is not fitted.

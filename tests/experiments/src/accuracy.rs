@@ -1,9 +1,7 @@
 //! RMS, NEES, containment over seeds.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use crate::cases::{CASES, Case};
+use crate::parallel::in_parallel;
 use crate::trial::{Outcome, Trial, TrialError};
 use sim_world::Preset;
 
@@ -47,7 +45,7 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
             (1..=if case.exact { 1 } else { args.seeds }).map(move |seed| (row, trial(case, seed, args)))
         })
         .collect();
-    let outcomes = run_all(&trials)?;
+    let outcomes = in_parallel(&trials, |(_, trial)| trial.run(&INSTANTS))?;
     println!(
         "{:<28} {:<9} {:>5}  {:^23}  {:^17}  {:^20}  {:>8} {:>8} {:>9} {:>6}",
         "sensors",
@@ -79,28 +77,15 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
 
 fn trial(case: &Case, seed: u64, args: &Args) -> Trial {
     let sets = case.sets.iter().map(|set| (*set).to_owned()).chain(args.sets.iter().cloned()).collect();
-    Trial { scenario: case.scenario, preset: case.preset, seed, sets, until: args.until }
-}
-
-/// Two threads or more over the trials; the result does not depend on how many.
-fn run_all(trials: &[(usize, Trial)]) -> Result<Vec<Outcome>, TrialError> {
-    let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<Option<Result<Outcome, TrialError>>>> = Mutex::new(trials.iter().map(|_| None).collect());
-    let threads = std::thread::available_parallelism().map_or(2, usize::from);
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                while let Some((index, (_, trial))) =
-                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| trials.get(i).map(|trial| (i, trial)))
-                {
-                    let outcome = trial.run(&INSTANTS);
-                    results.lock().expect("no thread panics while it holds the results")[index] = Some(outcome);
-                }
-            });
-        }
-    });
-    let results = results.into_inner().expect("no thread panicked");
-    results.into_iter().map(|result| result.expect("every trial was run")).collect()
+    Trial {
+        scenario: case.scenario,
+        preset: case.preset,
+        seed,
+        sets,
+        until: args.until,
+        moved_to: None,
+        only_buoy: None,
+    }
 }
 
 fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {

@@ -1,7 +1,10 @@
 //! The tables of the README, each one command: `cargo run --release -p experiments -- accuracy`.
 
 mod accuracy;
+mod bound;
+mod bound_table;
 mod cases;
+mod parallel;
 mod trial;
 
 use std::process::ExitCode;
@@ -19,11 +22,14 @@ struct Cli {
 enum Experiment {
     /// RMS, consistency and containment over seeds, for the built-in missions and several sensor subsets.
     Accuracy(accuracy::Args),
+    /// The estimator and the smoother beside the information bound, over seeds.
+    Bound(bound_table::Args),
 }
 
 fn main() -> ExitCode {
     let result = match Cli::parse().experiment {
         Experiment::Accuracy(args) => accuracy::run(&args),
+        Experiment::Bound(args) => bound_table::run(&args),
     };
     ilns_runtime::exit_with("experiments", result)
 }

@@ -2,7 +2,7 @@
 
 use nav_evaluation::{EstimatePoint, Pair, Score, Scorer, Window};
 use nav_geometry::Geodetic;
-use nav_pipeline::{Navigator, Output, Rebase, SolveClock};
+use nav_pipeline::{Navigator, Output, Rebase, SolveClock, Unmeasured};
 use rustix::time::{ClockId, clock_gettime};
 use shared_types::{Config, ConfigError, ConfigText, Duration, Mode, RawReading, Time};
 use sim_world::{Preset, Scenario, ScenarioError, World};
@@ -20,6 +20,10 @@ pub struct Trial {
     pub sets: Vec<String>,
     /// Seconds of data time to run; `None`: to the end.
     pub until: Option<f64>,
+    /// Latitude and longitude in degrees to move the scenario to; `None`: where it is.
+    pub moved_to: Option<[f64; 2]>,
+    /// Number of the only buoy to be heard; `None`: all.
+    pub only_buoy: Option<u32>,
 }
 
 /// What came of it.
@@ -81,15 +85,43 @@ impl SolveClock for ThreadClock {
 const TRUTH_RATE: f64 = 10.0;
 
 impl Trial {
+    /// The scenario where it is to be.
+    ///
+    /// # Errors
+    /// [`TrialError::Scenario`].
+    pub fn place(&self) -> Result<Scenario, TrialError> {
+        let mut scenario = Scenario::builtin(self.scenario)?;
+        if let Some([lat_deg, lon_deg]) = self.moved_to {
+            scenario.origin_deg[..2].copy_from_slice(&[lat_deg, lon_deg]);
+        }
+        Ok(scenario)
+    }
+
+    /// Whether the navigator is to hear a reading.
+    pub fn hears(&self, reading: &RawReading) -> bool {
+        match reading {
+            RawReading::Lbl(range) => self.only_buoy.is_none_or(|only| range.buoy == only),
+            _ => true,
+        }
+    }
+
+    /// What the navigator is told of the vehicle, and how it is set.
+    ///
+    /// # Errors
+    /// [`TrialError::Config`].
+    pub fn config(&self, world: &World) -> Result<Config, TrialError> {
+        let facts = ConfigText::new("sensors.toml", world.sensors_toml());
+        Ok(Config::load(&[facts], &self.sets)?)
+    }
+
     /// Runs it. `instants`: seconds at which error and sigma are wanted.
     ///
     /// # Errors
     /// [`TrialError`].
     pub fn run(&self, instants: &[f64]) -> Result<Outcome, TrialError> {
-        let scenario = Scenario::builtin(self.scenario)?;
+        let scenario = self.place()?;
         let world = World::new(&scenario, self.preset, self.seed)?;
-        let facts = ConfigText::new("sensors.toml", world.sensors_toml());
-        let config = Config::load(&[facts], &self.sets)?;
+        let config = self.config(&world)?;
         let [lat_deg, lon_deg, height] = scenario.origin_deg;
         let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
         let mut tally = Tally { at: instants.iter().map(|&t| (t, [0.0; 3], [0.0; 3])).collect(), ..Tally::default() };
@@ -106,6 +138,9 @@ impl Trial {
                 while let Some(row) = truth.next_if(|row| row.header.t_valid <= sample.header.t_valid) {
                     scorer.truth(&row);
                 }
+            }
+            if !self.hears(&reading) {
+                continue;
             }
             navigator.push(&reading, &mut clock, &mut |output| match output {
                 Output::Estimate(estimate) if estimate.mode() != Mode::Initialising => {
@@ -128,6 +163,42 @@ impl Trial {
             }
         }
         Ok(tally.outcome(score, cpu_s, rejected))
+    }
+}
+
+impl Trial {
+    /// The score of the whole mission as one batch.
+    ///
+    /// # Errors
+    /// [`TrialError`].
+    pub fn smooth(&self) -> Result<Score, TrialError> {
+        /// Sweeps; a handful is usual.
+        const SWEEPS_MAX: u32 = 50;
+        let scenario = self.place()?;
+        let world = World::new(&scenario, self.preset, self.seed)?;
+        let nothing = TrialError::NoEstimate { scenario: self.scenario, seed: self.seed };
+        let fixes = world.readings().filter_map(|reading| match reading {
+            RawReading::Buoy(fix) => Some(fix),
+            _ => None,
+        });
+        let mut navigator = Navigator::keeping_all(&self.config(&world)?).with_known_buoys(fixes.collect());
+        let t_end = self.until.map_or(Time::MAX, Time::from_seconds);
+        let heard = world.readings().filter(|reading| self.hears(reading));
+        for reading in heard.take_while(|reading| reading.t_valid() <= t_end) {
+            navigator.push(&reading, &mut Unmeasured, &mut |_| {});
+        }
+        navigator.finish(&mut Unmeasured, &mut |_| {});
+        let Some(smoothed) = navigator.smooth(SWEEPS_MAX) else { return Err(nothing) };
+        let [lat_deg, lon_deg, height] = scenario.origin_deg;
+        let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
+        let mut truth = world.truth_rows(TRUTH_RATE).peekable();
+        navigator.along(&smoothed, |estimate| {
+            while let Some(row) = truth.next_if(|row| row.header.t_valid <= estimate.header.t_valid) {
+                scorer.truth(&row);
+            }
+            scorer.estimate(&EstimatePoint::from(estimate));
+        });
+        scorer.score().ok_or(nothing)
     }
 }
 
