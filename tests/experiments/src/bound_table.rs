@@ -71,7 +71,6 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the table is the product of this command")]
 fn row(
     scenario: &'static str,
     sensors: &str,
