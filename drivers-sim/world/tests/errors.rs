@@ -178,7 +178,10 @@ fn sensors_toml_is_a_valid_configuration_and_states_the_noise() {
                 assert_eq!(position, <[f64; 3]>::from(truth));
             } else {
                 let error: Vec<f64> = (0..3).map(|axis| position[axis] - truth[axis]).collect();
-                assert!(error.iter().all(|e| *e != 0.0 && e.abs() < 5.0 * scenario.initial.sigma_position), "{error:?}");
+                assert!(
+                    error.iter().all(|e| *e != 0.0 && e.abs() < 5.0 * scenario.initial.sigma_position),
+                    "{error:?}"
+                );
             }
         }
     }

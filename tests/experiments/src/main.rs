@@ -4,6 +4,7 @@ mod accuracy;
 mod bound;
 mod bound_table;
 mod cases;
+mod consistency;
 mod parallel;
 mod trial;
 
@@ -24,12 +25,15 @@ enum Experiment {
     Accuracy(accuracy::Args),
     /// The estimator and the smoother beside the information bound, over seeds.
     Bound(bound_table::Args),
+    /// NEES, NIS and containment for every set of sensors, over seeds.
+    Consistency(consistency::Args),
 }
 
 fn main() -> ExitCode {
     let result = match Cli::parse().experiment {
         Experiment::Accuracy(args) => accuracy::run(&args),
         Experiment::Bound(args) => bound_table::run(&args),
+        Experiment::Consistency(args) => consistency::run(&args),
     };
     ilns_runtime::exit_with("experiments", result)
 }

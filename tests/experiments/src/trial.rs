@@ -4,7 +4,7 @@ use nav_evaluation::{EstimatePoint, Pair, Score, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Output, Rebase, SolveClock, Unmeasured};
 use rustix::time::{ClockId, clock_gettime};
-use shared_types::{Config, ConfigError, ConfigText, Duration, Mode, RawReading, Time};
+use shared_types::{AIDING, Config, ConfigError, ConfigText, Duration, KeyframeReport, Mode, RawReading, Time};
 use sim_world::{Preset, Scenario, ScenarioError, World};
 
 /// What to run.
@@ -49,6 +49,10 @@ pub struct Outcome {
     pub duration_s: f64,
     /// First instant from which the horizontal error stays below 0.1 m, s.
     pub settled_at: Option<f64>,
+    /// Squared errors over variances, E, N, U, at instants 100 s apart: far enough to be nearly independent.
+    pub nees_enu: Vec<[f64; 3]>,
+    /// Per aiding sensor, in the order of [`AIDING`]: sum of squared normalised innovations and of their degrees of freedom.
+    pub nis: [(f64, f64); AIDING.len()],
     /// Refusals per sensor name and reason.
     pub rejected: Vec<(&'static str, &'static str, u64)>,
 }
@@ -146,7 +150,8 @@ impl Trial {
                 Output::Estimate(estimate) if estimate.mode() != Mode::Initialising => {
                     scorer.estimate_with(&EstimatePoint::from(estimate), |pair| tally.pair(pair));
                 }
-                Output::Solution(solution, _) => {
+                Output::Solution(solution, report) => {
+                    tally.innovations(report);
                     tally.solve_us.push(solution.solve_ns as f64 * 1e-3);
                     tally.iterations += f64::from(solution.iterations);
                     tally.linearised += f64::from(solution.linearised);
@@ -210,12 +215,31 @@ struct Tally {
     solve_us: Vec<f64>,
     iterations: f64,
     linearised: f64,
+    nees_enu: Vec<[f64; 3]>,
+    nis: [(f64, f64); AIDING.len()],
 }
 
+/// Between two instants whose errors count as independent, s.
+const INDEPENDENT_AFTER: f64 = 100.0;
+
 impl Tally {
+    fn innovations(&mut self, report: &KeyframeReport) {
+        for factor in &report.factors[..report.factor_count as usize] {
+            let sensor = AIDING.iter().position(|&aiding| aiding as u32 == factor.sensor);
+            // Refused for another reason than its innovation, it has none.
+            if let Some(at) = sensor.filter(|_| factor.rows > 0) {
+                self.nis[at].0 += factor.nis;
+                self.nis[at].1 += f64::from(factor.rows);
+            }
+        }
+    }
+
     fn pair(&mut self, pair: &Pair) {
         let t = pair.estimate.t.as_seconds();
         let (error, sigma) = (pair.position_error_enu, pair.estimate.sigma_position_enu);
+        if (t / INDEPENDENT_AFTER).fract() * INDEPENDENT_AFTER < 0.5 / TRUTH_RATE {
+            self.nees_enu.push([0, 1, 2].map(|axis| (error[axis] / sigma[axis]).powi(2)));
+        }
         for axis in 0..2 {
             let sigmas = (error[axis] / sigma[axis]).abs();
             if sigmas > self.worst_sigmas.0 {
@@ -248,6 +272,8 @@ impl Tally {
             cpu_s,
             duration_s: score.duration_s,
             settled_at: self.settled_at,
+            nees_enu: self.nees_enu,
+            nis: self.nis,
             rejected,
             score,
         }

@@ -1,0 +1,114 @@
+//! Is the covariance honest? NEES, NIS and containment, for every set of sensors.
+//!
+//! Errors are compared with their sigmas at instants 100 s apart over all seeds, which count as independent samples: their
+//! squares over the variances have the mean 1, known to `1 ± 1.96 √(2/samples)` (95 %). Without a position sensor errors
+//! are correlated for as long as the run, so only seeds are independent, and the band says so.
+
+use shared_types::{AIDING, Sensor};
+use sim_world::Preset;
+
+use crate::parallel::in_parallel;
+use crate::trial::{Outcome, Trial, TrialError};
+
+/// What to run.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Seeds per row, 1 to N.
+    #[arg(long, default_value_t = 10)]
+    pub seeds: u64,
+    /// Built-in scenario.
+    #[arg(long, default_value = "mission", value_parser = ["mission", "stable", "outage", "survey"])]
+    pub scenario: String,
+    /// All 32 sets of sensors that hold the IMU, in place of eight.
+    #[arg(long)]
+    pub all: bool,
+    /// Seconds of data time to run instead of the whole mission.
+    #[arg(long)]
+    pub until: Option<f64>,
+    /// Any configuration key, for every row.
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    pub sets: Vec<String>,
+}
+
+/// Sets worth many seeds, as bits in the order of [`AIDING`].
+const EIGHT: [&[Sensor]; 8] = [
+    &[Sensor::Lbl, Sensor::Ps],
+    &[Sensor::Lbl, Sensor::Dvl, Sensor::Ps],
+    &[Sensor::Lbl, Sensor::Mcp, Sensor::Ps],
+    &[Sensor::Lbl, Sensor::Dvl, Sensor::Mcp, Sensor::Ps],
+    &[Sensor::Lbl, Sensor::Gnss, Sensor::Dvl, Sensor::Mcp, Sensor::Ps],
+    &[Sensor::Lbl],
+    &[Sensor::Gnss, Sensor::Dvl, Sensor::Mcp, Sensor::Ps],
+    &[Sensor::Dvl, Sensor::Mcp, Sensor::Ps],
+];
+
+/// Runs every row and prints the table.
+///
+/// # Errors
+/// [`TrialError`] of the first trial that cannot be run.
+#[expect(clippy::print_stdout, reason = "the table is the product of this command")]
+pub fn run(args: &Args) -> Result<(), TrialError> {
+    let scenario = ["mission", "stable", "outage", "survey"].into_iter().find(|name| *name == args.scenario);
+    let scenario = scenario.unwrap_or("mission");
+    let sets: Vec<Vec<Sensor>> = if args.all {
+        (0..1_u32 << AIDING.len())
+            .map(|bits| (0..AIDING.len()).filter(|at| bits >> at & 1 == 1).map(|at| AIDING[at]).collect())
+            .collect()
+    } else {
+        EIGHT.iter().map(|set| set.to_vec()).collect()
+    };
+    println!("{scenario}, realistic errors, seeds 1 to {}", args.seeds);
+    println!(
+        "| {:<22} | {:^17} | {:^13} | {:^20} | NIS per degree of freedom |",
+        "IMU and", "NEES E/N/U", "95 % band", "in 3 sigma [%]"
+    );
+    println!("|{:-<24}|{:-<19}|{:-<15}|{:-<22}|{:-<27}|", "", "", "", "", "");
+    for set in &sets {
+        let trials: Vec<Trial> = (1..=args.seeds).map(|seed| trial(scenario, seed, set, args)).collect();
+        let outcomes = in_parallel(&trials, |trial| trial.run(&[]))?;
+        print_row(set, &outcomes);
+    }
+    Ok(())
+}
+
+fn trial(scenario: &'static str, seed: u64, set: &[Sensor], args: &Args) -> Trial {
+    let off = AIDING.iter().filter(|sensor| !set.contains(sensor));
+    let sets = off.map(|sensor| format!("{}.enabled=false", sensor.name())).chain(args.sets.iter().cloned()).collect();
+    let preset = Preset::Realistic;
+    Trial { scenario, preset, seed, sets, until: args.until, moved_to: None, only_buoy: None }
+}
+
+#[expect(clippy::print_stdout, reason = "the table is the product of this command")]
+fn print_row(set: &[Sensor], outcomes: &[Outcome]) {
+    let samples: Vec<[f64; 3]> = outcomes.iter().flat_map(|outcome| outcome.nees_enu.iter().copied()).collect();
+    let nees = [0, 1, 2].map(|axis| samples.iter().map(|sample| sample[axis]).sum::<f64>() / samples.len() as f64);
+    let is_positioned = set.iter().any(|sensor| matches!(sensor, Sensor::Lbl | Sensor::Gnss));
+    let independent = if is_positioned { samples.len() } else { outcomes.len() } as f64;
+    let half_band = 1.96 * (2.0 / independent).sqrt();
+    let share = [0, 1, 2].map(|axis| {
+        let shares = outcomes.iter().map(|o| o.score.three_sigma_share_enu.map_or(f64::NAN, |share| share[axis]));
+        100.0 * shares.sum::<f64>() / outcomes.len() as f64
+    });
+    let nis: Vec<String> = AIDING
+        .iter()
+        .enumerate()
+        .filter_map(|(at, sensor)| {
+            let (sum, freedom) = outcomes.iter().fold((0.0, 0.0), |all, o| (all.0 + o.nis[at].0, all.1 + o.nis[at].1));
+            (freedom > 0.0).then(|| format!("{} {:.3}", sensor.name(), sum / freedom))
+        })
+        .collect();
+    let names: Vec<&str> = set.iter().map(|sensor| sensor.name()).collect();
+    println!(
+        "| {:<22} | {:>5.2} {:>5.2} {:>5.2} | {:>5.2} to {:<4.2} | {:>6.2} {:>6.2} {:>6.2} | {} |",
+        if names.is_empty() { "nothing".to_owned() } else { names.join(" ") },
+        nees[0],
+        nees[1],
+        nees[2],
+        (1.0 - half_band).max(0.0),
+        1.0 + half_band,
+        share[0],
+        share[1],
+        share[2],
+        nis.join(", ")
+    );
+}
