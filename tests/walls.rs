@@ -45,7 +45,8 @@ const TABLE: &[Row] = &[
         &["nav-pipeline", "ilns-recording", "nav-evaluation", "sim-world", "ilns-runtime", "ilns-replay"],
         &["ilns-bus", "iceoryx2"],
     ),
-    ("sim-world", &["nav-geometry", "shared-types"], &["nav-models"]),
+    ("sim-faults", &["nav-geometry", "shared-types"], &["nav-models"]),
+    ("sim-world", &["nav-geometry", "shared-types", "sim-faults"], &["nav-models"]),
     (
         "sim-emulators",
         &["sim-world", "ilns-recording", "ilns-runtime", "ilns-bus"],
