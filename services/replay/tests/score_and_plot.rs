@@ -88,6 +88,7 @@ fn replay(log: &TempDir, out: &Path) -> Summary {
     let mut solve_ns = Histogram::new(3).unwrap();
     solve_ns.record(120_000).unwrap();
     let facts = RunFacts {
+        faults: Vec::new(),
         estimator: "fgo",
         window: 20,
         keyframes: 300,
