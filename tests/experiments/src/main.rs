@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod cases;
+mod faults;
 mod trial;
 
 use std::process::ExitCode;
@@ -19,11 +20,20 @@ struct Cli {
 enum Experiment {
     /// RMS, consistency and containment over seeds, for the built-in missions and several sensor subsets.
     Accuracy(accuracy::Args),
+    /// The fault matrix: each class of the catalogue that readings can have, over seeds, against its expectations.
+    Faults(faults::matrix::Args),
+    /// What outliers, gaps and blackouts cost against the clean run of the same seed.
+    Outliers(faults::outliers::Args),
+    /// What late stamps cost against the clean run of the same seed, per sensor.
+    Offsets(faults::offsets::Args),
 }
 
 fn main() -> ExitCode {
     let result = match Cli::parse().experiment {
         Experiment::Accuracy(args) => accuracy::run(&args),
+        Experiment::Faults(args) => faults::matrix::run(&args),
+        Experiment::Outliers(args) => faults::outliers::run(&args),
+        Experiment::Offsets(args) => faults::offsets::run(&args),
     };
     ilns_runtime::exit_with("experiments", result)
 }
