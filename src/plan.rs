@@ -68,6 +68,10 @@ fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
                 push("--preset", wishes.source.preset_name().into());
             }
         }
+        wishes.source.faults.iter().for_each(|fault| push("--fault", fault.to_string().into()));
+        if let Some(seed) = wishes.source.fault_seed {
+            push("--fault-seed", seed.to_string().into());
+        }
         if let Some(duration) = wishes.duration {
             push("--duration", duration.to_string().into());
         }

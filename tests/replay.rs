@@ -167,6 +167,47 @@ fn readings_that_are_bad_one_by_one_are_skipped_and_counted() {
 }
 
 #[test]
+fn faults_injected_into_a_log_are_refused_counted_and_repeatable() {
+    let logs = Logs::new();
+    logs.simulate("realistic", "log");
+    let faults =
+        ["--fault", "lbl.multipath=0.3@20..50", "--fault", "ps.nan=1@30..31", "--fault", "mcp.duplicate=1@30..31"];
+    let clean = logs.replay("log", "clean", &[]);
+    let faulty = logs.replay("log", "faulty", &faults);
+    logs.replay("log", "again", &[&faults[..], &["--fault-seed", "1"]].concat());
+    let read = |out: &str| std::fs::read(logs.path(out).join("estimate.csv")).expect("it was written");
+    assert!(read("faulty") == read("again") && read("faulty") != read("clean"));
+    assert!(clean["faults"].is_null());
+    assert_eq!(faulty["faults"][0], "lbl.multipath=0.3,5,300@20..50", "{faulty}");
+    let rejected = |summary: &Value, sensor: &str, reason: &str| {
+        summary["sensors"][sensor]["rejected"][reason].as_u64().unwrap_or(0)
+    };
+    assert_eq!(rejected(&faulty, "ps", "not_finite"), 10);
+    assert_eq!(rejected(&faulty, "mcp", "duplicate"), 10);
+    let gated = rejected(&faulty, "lbl", "gated");
+    // Thirty epochs of four ranges: some 36 too long.
+    assert!((20..60).contains(&gated), "{gated}");
+    let rms = |summary: &Value| summary["score"]["rms_horizontal"].as_f64().expect("scored");
+    assert!(rms(&faulty) < 1.25 * rms(&clean) + 0.01, "{} against {}", rms(&faulty), rms(&clean));
+
+    let log = logs.path("log");
+    let output = ilns(&["replay", text(&log), "--out", text(&logs.path("none")), "--fault", "dvl.stick"]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && errors.contains("dvl has no class"), "{errors}");
+
+    // The same faults when the log is made: it holds what the sensors said then, and the truth is that of a clean one.
+    let (scenario, out) = (logs.path("short.toml"), logs.path("made"));
+    succeed(
+        &[&["simulate", text(&scenario), "--seed", "5", "--preset", "realistic", "--out", text(&out)], &faults[..]]
+            .concat(),
+    );
+    let made = logs.replay("made", "of-made", &[]);
+    assert_eq!(rejected(&made, "ps", "not_finite"), 10);
+    let truth = |log: &str| std::fs::read(logs.path(log).join("truth.csv")).expect("it was written");
+    assert!(truth("made") == truth("log"));
+}
+
+#[test]
 fn mistakes_are_one_line_with_code_2_and_no_output() {
     let logs = Logs::new();
     logs.simulate("realistic", "log");

@@ -54,7 +54,8 @@ const TABLE: &[Row] = &[
         ],
         &["ilns-bus", "iceoryx2"],
     ),
-    ("sim-world", &["nav-geometry", "shared-types"], &["nav-models"]),
+    ("sim-faults", &["nav-geometry", "shared-types"], &["nav-models"]),
+    ("sim-world", &["nav-geometry", "shared-types", "sim-faults"], &["nav-models"]),
     (
         "sim-emulators",
         &["sim-world", "ilns-recording", "ilns-runtime", "ilns-bus"],

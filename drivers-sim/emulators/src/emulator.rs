@@ -4,7 +4,7 @@ use ilns_bus::Publisher;
 use ilns_runtime::{HeartbeatBuilder, Shutdown, StartClock, monotonic_now};
 use shared_types::{Heartbeat, Message, ProcessState, Sensor, Time};
 
-use crate::source::{Readings, SourceError};
+use crate::source::{Due, Readings, SourceError};
 
 /// One emulator at work.
 pub(crate) struct Emulator<T: Message> {
@@ -33,7 +33,7 @@ impl<T: Message> Emulator<T> {
             if !self.wait_until(self.due(&reading)) {
                 return Ok(());
             }
-            self.send(reading);
+            self.send(reading.reading);
             // Readings of one instant, or readings that came due together at a high rate, are announced once.
             if following.is_none_or(|following| self.due(&following) > monotonic_now()) {
                 self.publisher.ring();
@@ -49,13 +49,13 @@ impl<T: Message> Emulator<T> {
     }
 
     /// The first reading that is due at `since` or later.
-    fn skip(&mut self, since: i64, holds: impl Fn(&T) -> bool) -> Result<Option<T>, SourceError> {
+    fn skip(&mut self, since: i64, holds: impl Fn(&T) -> bool) -> Result<Option<Due<T>>, SourceError> {
         let mut skipped = 0_u64;
         let first = loop {
             match self.next()? {
                 Some(reading) if self.due(&reading) < since && !self.shutdown.requested() => {
-                    if holds(&reading) {
-                        self.send(reading);
+                    if holds(&reading.reading) {
+                        self.send(reading.reading);
                     } else {
                         skipped += 1;
                     }
@@ -69,14 +69,14 @@ impl<T: Message> Emulator<T> {
         Ok(first)
     }
 
-    fn next(&mut self) -> Result<Option<T>, SourceError> {
+    fn next(&mut self) -> Result<Option<Due<T>>, SourceError> {
         let reading = self.readings.next().transpose()?;
-        Ok(reading.filter(|reading| reading.t_valid() <= self.until))
+        Ok(reading.filter(|reading| reading.t <= self.until))
     }
 
     /// When it is due, monotonic ns.
-    fn due(&self, reading: &T) -> i64 {
-        self.clock.monotonic_of(reading.t_valid())
+    fn due(&self, reading: &Due<T>) -> i64 {
+        self.clock.monotonic_of(reading.t)
     }
 
     fn send(&mut self, mut reading: T) {
@@ -146,7 +146,7 @@ mod tests {
         let at_work = std::thread::spawn(move || {
             let bus = Bus::join(&there, Process::EmulatorPs, 0).expect("owned");
             let emulator = Emulator {
-                readings: Box::new(readings.into_iter().map(Ok)),
+                readings: Box::new(readings.into_iter().map(|reading| Ok(Due::when_valid(reading)))),
                 publisher: bus.publisher(&channel).expect("room"),
                 health: bus.publisher(&channel::HEALTH).expect("room"),
                 heartbeat: HeartbeatBuilder::new(Process::EmulatorPs, 0),

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ilns_recording::{LogError, LogWriter, LogWriterOptions};
+use sim_faults::{FaultSpec, FaultStream};
 use sim_world::{Preset, World};
 
 use crate::scenario_source::{ScenarioSourceError, load_scenario};
@@ -30,6 +31,13 @@ pub struct SimulateArgs {
     /// Log directory to write; it must not exist or be empty.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// A fault, such as dvl.false_lock@600..660 or lbl.multipath=0.2 (drivers-sim/faults/README.md lists them). May be
+    /// given several times. The log is then a recording: its rows say when they arrived.
+    #[arg(long = "fault", value_name = "SPEC")]
+    pub faults: Vec<FaultSpec>,
+    /// What the faults draw; without it, --seed.
+    #[arg(long, value_name = "N")]
+    pub fault_seed: Option<u64>,
 }
 
 /// A [`Preset`] on the command line.
@@ -89,11 +97,13 @@ pub fn run(args: &SimulateArgs) -> Result<(), SimulateError> {
     let world = World::new(&scenario, args.preset.into(), args.seed).map_err(ScenarioSourceError::from)?;
     refuse_used(&args.out)?;
     let partial = partial_name(&args.out);
-    let written = write_log(&world, &partial).map_err(SimulateError::from).and_then(|()| {
-        let failed =
-            |source| SimulateError::Io { out: args.out.clone(), action: "rename the finished log to it", source };
-        fs::rename(&partial, &args.out).map_err(failed)
-    });
+    let written = write_log(&world, world.faults(&args.faults, args.fault_seed), &partial)
+        .map_err(SimulateError::from)
+        .and_then(|()| {
+            let failed =
+                |source| SimulateError::Io { out: args.out.clone(), action: "rename the finished log to it", source };
+            fs::rename(&partial, &args.out).map_err(failed)
+        });
     if written.is_err() && partial.exists() {
         let failed = |source| SimulateError::Io { out: partial.clone(), action: "delete the unfinished log", source };
         fs::remove_dir_all(&partial).map_err(failed)?;
@@ -119,10 +129,12 @@ fn partial_name(out: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
-fn write_log(world: &World, dir: &Path) -> Result<(), LogError> {
-    let mut log = LogWriter::create(dir, LogWriterOptions::default())?;
+fn write_log(world: &World, faults: FaultStream, dir: &Path) -> Result<(), LogError> {
+    // Late and doubtful stamps run backwards in a file; only the order of arrival is one.
+    let options = LogWriterOptions { arrival_columns: !faults.is_empty(), ..LogWriterOptions::default() };
+    let mut log = LogWriter::create(dir, options)?;
     log.sensors_toml(&world.sensors_toml())?;
-    world.readings().try_for_each(|reading| log.reading(&reading))?;
+    faults.over(world.readings().map(Ok)).try_for_each(|reading| log.reading(&reading?))?;
     world.truth_rows(TRUTH_RATE).try_for_each(|truth| log.truth(&truth))?;
     log.finish()
 }
@@ -131,7 +143,7 @@ fn write_log(world: &World, dir: &Path) -> Result<(), LogError> {
 mod tests {
     use super::*;
     use ilns_recording::LogDirectory;
-    use shared_types::RawReading;
+    use shared_types::{RawReading, Sensor};
     use sim_world::BUILTIN_SCENARIOS;
 
     /// A minute of the stable run, so that the test is short.
@@ -143,6 +155,8 @@ mod tests {
             seed: 3,
             preset: PresetName::Realistic,
             out: dir.join("logs/run"),
+            faults: Vec::new(),
+            fault_seed: None,
         }
     }
 
@@ -185,6 +199,27 @@ mod tests {
         assert_eq!(read, world.readings().count());
         let truths = log.truth().expect("it opens").map(|row| row.expect("it reads"));
         assert!(truths.map(|row| row.q_enu_body).eq(world.truth_rows(TRUTH_RATE).map(|row| row.q_enu_body)));
+    }
+
+    #[test]
+    fn a_log_with_faults_reads_back_in_the_order_of_arrival() {
+        let dir = tempfile::tempdir().expect("a temporary directory");
+        let faults = ["dvl.delay=2@20..30", "ps.nan=0.5@20..30", "lbl.stamp=-0.3@20..30", "mcp.duplicate=1@20..30"];
+        let faults = faults.map(|spec| spec.parse().expect("a fault"));
+        let args = SimulateArgs { faults: faults.to_vec(), ..args(dir.path()) };
+        run(&args).expect("it is written");
+        let log = LogDirectory::open(&args.out).expect("it is a log");
+        assert!(log.is_recording());
+        let read: Vec<RawReading> = log.merged().expect("it opens").map(|r| r.expect("it reads")).collect();
+        let of = |sensor: Sensor| read.iter().filter(move |reading| reading.sensor() == sensor);
+        let late = of(Sensor::Dvl).filter(|r| r.header().t_arrival - r.header().t_valid == 2_000_000_000).count();
+        assert_eq!(late, 50);
+        let early = of(Sensor::Lbl).filter(|r| r.header().t_arrival - r.header().t_valid == 300_000_000).count();
+        assert_eq!(early, 40);
+        assert!(of(Sensor::Ps).any(|r| matches!(r, RawReading::Ps(ps) if ps.depth.is_nan())));
+        assert_eq!(of(Sensor::Mcp).count(), 700);
+        assert!(read.is_sorted_by_key(|reading| reading.header().t_arrival));
+        assert!(log.truth().expect("it opens").all(|row| row.is_ok_and(|row| row.lat_deg.is_finite())));
     }
 
     #[test]

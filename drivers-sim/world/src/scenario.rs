@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use shared_types::{Duration, Time};
+use sim_faults::FaultSpec;
 
 use crate::plan::Plan;
 use crate::scenario_file::{File, Locator, Problem};
@@ -45,6 +46,8 @@ pub struct Scenario {
     pub mcp: Option<McpSetup>,
     /// Pressure sensor.
     pub ps: Option<PsSetup>,
+    /// What goes wrong; [`World::faults`](crate::World::faults) injects it.
+    pub faults: Vec<FaultSpec>,
     pub(crate) source: Locator,
 }
 
@@ -371,6 +374,19 @@ mod tests {
         let error = error(&text);
         let line = line_of(&text, "rate = -200.0");
         assert_eq!(error, format!("s.toml:{line}: `imu.rate` is -200; it must be a positive number, at most 10000"));
+    }
+
+    #[test]
+    fn faults_are_read_and_a_mistake_names_its_line() {
+        let text =
+            format!("{}\n[faults]\ninject = [\"ps.stuck@5..6\", \"lbl.multipath=0.1\"]\n", BUILTIN_SCENARIOS[0].1);
+        let scenario = Scenario::parse(&text, Path::new("s.toml")).expect("valid");
+        let faults: Vec<String> = scenario.faults.iter().map(ToString::to_string).collect();
+        assert_eq!(faults, ["ps.stuck@5..6", "lbl.multipath=0.1,5,300@.."]);
+        let wrong = text.replace("ps.stuck", "ps.stick");
+        let error = error(&wrong);
+        assert!(error.starts_with(&format!("s.toml:{}:", line_of(&wrong, "inject"))), "{error}");
+        assert!(error.contains("ps has no class \"stick\"; it has blackout"), "{error}");
     }
 
     #[test]

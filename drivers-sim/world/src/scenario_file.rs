@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use shared_types::{Duration, Time};
+use sim_faults::{FaultError, FaultSpec};
 
 use crate::scenario::{
     Buoy, BuoySetup, Drift, DvlSetup, GnssSetup, ImuSetup, InitialSetup, LblSetup, Manoeuvre, McpSetup, PsSetup,
@@ -95,6 +96,28 @@ pub(crate) struct File {
     dvl: Option<DvlSection>,
     mcp: Option<McpSection>,
     ps: Option<PsSection>,
+    #[serde(default)]
+    faults: FaultsSection,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FaultsSection {
+    #[serde(default)]
+    inject: Vec<Fault>,
+}
+
+/// A fault as it stands in the file: a text that is checked while it is read, so that a mistake has its line.
+#[derive(Debug, Deserialize)]
+#[serde(try_from = "String")]
+struct Fault(FaultSpec);
+
+impl TryFrom<String> for Fault {
+    type Error = FaultError;
+
+    fn try_from(text: String) -> Result<Fault, FaultError> {
+        text.parse().map(Fault)
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -347,6 +370,7 @@ impl File {
                     lever_arm_body: finite3("ps", "lever_arm", ps.lever_arm)?,
                 }),
             },
+            faults: self.faults.inject.into_iter().map(|fault| fault.0).collect(),
             source: source.clone(),
         })
     }

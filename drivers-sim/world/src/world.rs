@@ -8,6 +8,8 @@ use shared_types::{
     Time, Truth,
 };
 
+use sim_faults::{ArrivalClock, FaultSpec, FaultStream};
+
 use crate::buoys::{BuoyFixes, BuoyPath};
 use crate::dvl::Dvl;
 use crate::gnss::Gnss;
@@ -75,6 +77,13 @@ impl World {
     #[cfg(test)]
     pub(crate) fn core(&self) -> Arc<Core> {
         self.core.clone()
+    }
+
+    /// The faults of the scenario and `more`, with the draws of `seed` (`None`: of the world), to be put between its
+    /// readings and whoever takes them. The sensors themselves, and the truth, know nothing of them.
+    pub fn faults(&self, more: &[FaultSpec], seed: Option<u64>) -> FaultStream {
+        let specs: Vec<FaultSpec> = self.core.scenario.faults.iter().chain(more).cloned().collect();
+        FaultStream::new(&specs, seed.unwrap_or(self.core.seed), ArrivalClock::Valid)
     }
 
     /// Length of the scenario.

@@ -71,7 +71,9 @@ impl ImuGate {
         if !sample.gyro_body.iter().chain(&sample.accel_body).all(|value| value.is_finite()) {
             return Err(RejectReason::NotFinite);
         }
-        let within = |values: &[f64; 3], limit: f64| values.iter().all(|value| value.abs() <= limit);
+        // At full scale an instrument says its rail, whatever the truth beyond it is: a gap is bridged with its uncertainty,
+        // a clipped sample would be believed (F3).
+        let within = |values: &[f64; 3], limit: f64| values.iter().all(|value| value.abs() < limit);
         if !within(&sample.gyro_body, self.config.max_rate)
             || !within(&sample.accel_body, self.config.max_accel)
             || !is_possible(t)
@@ -149,6 +151,20 @@ mod tests {
         never.header.t_valid = i64::MAX;
         assert_eq!(gate.check(&never), ImuVerdict::Reject(RejectReason::OutOfRange));
         assert_eq!(gate.check(&imu(1.0)), PASSES, "the refused ones left no trace");
+    }
+
+    #[test]
+    fn a_sample_at_its_rail_is_refused() {
+        let limits = Navigator::default().imu;
+        let mut gate = gate();
+        let mut clipped = imu(1.0);
+        clipped.gyro_body[2] = -limits.max_rate;
+        assert_eq!(gate.check(&clipped), ImuVerdict::Reject(RejectReason::OutOfRange));
+        let mut clipped = imu(1.0);
+        clipped.accel_body[0] = limits.max_accel;
+        assert_eq!(gate.check(&clipped), ImuVerdict::Reject(RejectReason::OutOfRange));
+        clipped.accel_body[0] = 0.99 * limits.max_accel;
+        assert_eq!(gate.check(&clipped), PASSES);
     }
 
     #[test]

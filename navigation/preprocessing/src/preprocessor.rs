@@ -50,7 +50,9 @@ pub struct Preprocessor {
     origin: Origin,
     buoys: BuoyTracks,
     epochs: LblEpochs,
+    /// With its time; the median of the last three, so that one wild depth refuses no good fix and lets no bad one in.
     newest_depth: Option<(Time, f64)>,
+    recent_depths: [f64; 3],
     times: KeyframeTimes,
     offsets: TimeOffsets,
     health: [SensorHealth; SENSORS.len()],
@@ -89,6 +91,7 @@ impl Preprocessor {
             buoys: BuoyTracks::new(navigator.buoy_max_age),
             epochs: LblEpochs::new(),
             newest_depth: None,
+            recent_depths: [0.0; 3],
             times: KeyframeTimes::new(&navigator.keyframes, navigator.fgo.window),
             offsets: TimeOffsets::new(navigator.keyframes.anchor),
             health: [SensorHealth::NONE; SENSORS.len()],
@@ -292,9 +295,19 @@ impl Preprocessor {
         self.judge_time(raw.t_valid())?;
         self.judge_enabled(raw.sensor())?;
         if let Reading::Ps { depth } = reading {
-            self.newest_depth = Some((raw.t_valid(), depth));
+            self.note_depth(raw.t_valid(), depth);
         }
         self.offsets.hold(measurement(raw.header(), &reading))
+    }
+
+    fn note_depth(&mut self, t: Time, depth: f64) {
+        if self.newest_depth.is_none() {
+            self.recent_depths = [depth; 3];
+        }
+        self.recent_depths.rotate_right(1);
+        self.recent_depths[0] = depth;
+        let [a, b, c] = self.recent_depths;
+        self.newest_depth = Some((t, a.min(b).max(a.max(b).min(c))));
     }
 
     fn take_gnss(&mut self, raw: &GnssFix) -> Result<(), RejectReason> {

@@ -225,10 +225,20 @@ fn a_finish_closes_what_the_imu_has_reached() {
 
 #[test]
 fn a_fix_while_deep_is_refused_and_the_one_at_the_surface_is_not() {
-    let aiding = [ps(0.5, 8.0), gnss(0.6, 0.0), ps(0.7, 1.0), gnss(0.8, 0.0)];
+    let aiding = [ps(0.5, 8.0), gnss(0.6, 0.0), ps(0.65, 1.1), ps(0.7, 1.0), gnss(0.8, 0.0)];
     let (rows, preprocessor) = walk(&config(), &[(0.0, 1.5)], &aiding);
     assert_eq!(rejected(&preprocessor, Sensor::Gnss, RejectReason::WhileDeep), 1);
     assert_eq!(rows.iter().filter(|row| row.0 == "gnss").count(), 1);
+}
+
+#[test]
+fn one_wild_depth_neither_refuses_a_good_fix_nor_lets_a_bad_one_in() {
+    let surface = [ps(0.5, 0.4), ps(0.6, 0.4), ps(0.7, 8.0), gnss(0.75, 0.0), ps(0.8, 0.4)];
+    let (_, preprocessor) = walk(&config(), &[(0.0, 1.5)], &surface);
+    assert_eq!(rejected(&preprocessor, Sensor::Gnss, RejectReason::WhileDeep), 0);
+    let deep = [ps(0.5, 8.0), ps(0.6, 8.0), ps(0.7, 0.4), gnss(0.75, 0.0), ps(0.8, 8.0)];
+    let (_, preprocessor) = walk(&config(), &[(0.0, 1.5)], &deep);
+    assert_eq!(rejected(&preprocessor, Sensor::Gnss, RejectReason::WhileDeep), 1);
 }
 
 #[test]

@@ -19,6 +19,9 @@ pub struct Summary {
     pub version: String,
     /// Estimator by name.
     pub estimator: String,
+    /// Faults injected into the readings; none in any run that is not an experiment.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<String>,
     /// Intervals in the window.
     pub window: usize,
     /// Data time from the first to the last estimate, s.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ilns_runtime::NavigatorArgs;
 use shared_types::{Config, ConfigText, Duration};
+use sim_faults::FaultSpec;
 
 use crate::error::ReplayError;
 
@@ -28,6 +29,13 @@ pub struct ReplayArgs {
     /// Takes each correction at the estimate at which a live run took it: the estimate.csv of that run.
     #[arg(long, value_name = "FILE", conflicts_with = "solve_latency")]
     pub follow: Option<PathBuf>,
+    /// A fault to inject into the readings of the log, such as dvl.false_lock@600..660 or lbl.multipath=0.2 (drivers-sim/
+    /// faults/README.md lists them). May be given several times; the span is seconds on the clock of the log.
+    #[arg(long = "fault", value_name = "SPEC")]
+    pub faults: Vec<FaultSpec>,
+    /// What the faults draw.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub fault_seed: u64,
 }
 
 /// `40` or `40ms`.
@@ -81,6 +89,14 @@ mod tests {
     fn an_output_folder_is_asked_for_unless_only_the_configuration_is() {
         assert!(parse("log").is_err());
         assert!(parse("log --print-config").is_ok());
+    }
+
+    #[test]
+    fn a_fault_that_is_none_is_named_with_its_mend() {
+        let faults = parse("log --out out --fault dvl.stuck@1..2 --fault lbl.multipath=0.1").expect("valid").faults;
+        assert_eq!(faults.len(), 2);
+        let error = parse("log --out out --fault dvl.stick@1..2").expect_err("no such class").to_string();
+        assert!(error.contains("dvl has no class \"stick\"; it has blackout"), "{error}");
     }
 
     #[test]

@@ -19,6 +19,8 @@ use crate::score::{TruthFeed, table};
 /// What only the navigator and its caller know about the run.
 #[derive(Clone, Debug)]
 pub struct RunFacts {
+    /// Injected into the readings.
+    pub faults: Vec<String>,
     /// By name.
     pub estimator: &'static str,
     /// Intervals in the window.
@@ -129,6 +131,7 @@ impl ReplayOutput {
         let summary = Summary {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             estimator: facts.estimator.to_owned(),
+            faults: facts.faults.clone(),
             window: facts.window,
             duration_s,
             wall_s,

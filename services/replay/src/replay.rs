@@ -11,7 +11,8 @@ use hdrhistogram::Histogram;
 use ilns_recording::{LogDirectory, Summary, read_estimates};
 use nav_pipeline::{Navigator, Output, Rebase, SolveClock};
 use rustix::time::{ClockId, clock_gettime};
-use shared_types::{Config, Duration, SENSORS, SensorCounts};
+use shared_types::{BuoyFix, Config, Duration, RawReading, SENSORS, SensorCounts};
+use sim_faults::{ArrivalClock, FaultSpec, FaultStream};
 
 use crate::args::ReplayArgs;
 use crate::error::ReplayError;
@@ -33,7 +34,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), ReplayError> {
     };
     log.check_buoys()?;
     let output = ReplayOutput::create(out, &log, started)?;
-    replay(&log, &config, rebase(args)?, output)?;
+    let injected = Injected { specs: &args.faults, seed: args.fault_seed };
+    replay(&log, &config, rebase(args)?, &injected, output)?;
     Ok(())
 }
 
@@ -55,18 +57,44 @@ fn rebase(args: &ReplayArgs) -> Result<Rebase, ReplayError> {
     Ok(Rebase::AsRecorded(schedule))
 }
 
+/// Faults that the log has not, but the navigator is to meet.
+struct Injected<'a> {
+    specs: &'a [FaultSpec],
+    seed: u64,
+}
+
+impl Injected<'_> {
+    fn stream(&self, is_recording: bool) -> FaultStream {
+        let clock = if is_recording { ArrivalClock::Arrival } else { ArrivalClock::Valid };
+        FaultStream::new(self.specs, self.seed, clock)
+    }
+
+    /// Every position of every buoy, as it is reported.
+    fn buoy_fixes(&self, log: &LogDirectory) -> Result<Vec<BuoyFix>, ReplayError> {
+        let fixes = log.buoys()?.map(|fix| fix.map(RawReading::Buoy));
+        let mut reported = Vec::new();
+        for reading in self.stream(log.is_recording()).over(fixes) {
+            if let RawReading::Buoy(fix) = reading? {
+                reported.push(fix);
+            }
+        }
+        Ok(reported)
+    }
+}
+
 /// Drives the navigator over a log.
 fn replay(
     log: &LogDirectory,
     config: &Config,
     rebase: Rebase,
+    injected: &Injected<'_>,
     mut output: ReplayOutput,
 ) -> Result<Summary, ReplayError> {
     let merged = log.merged()?;
     let mut navigator = Navigator::new(config, rebase);
     // Live, a buoy is where its fixes so far say; a recording repeats that, any other log is interpolated.
     if !merged.is_recording() {
-        navigator = navigator.with_known_buoys(log.buoy_fixes()?);
+        navigator = navigator.with_known_buoys(injected.buoy_fixes(log)?);
     }
     let mut keyframes = 0;
     let mut iterations = 0;
@@ -89,19 +117,22 @@ fn replay(
             }
         }
     };
-    for reading in merged {
+    let faults = injected.stream(merged.is_recording());
+    for reading in faults.over(merged) {
         navigator.push(&reading?, &mut clock, &mut sink);
     }
     navigator.finish(&mut clock, &mut sink);
     failed?;
     let estimator = config.navigator.estimator.name();
     let window = config.navigator.fgo.window;
-    output.finish(&RunFacts { estimator, window, keyframes, iterations, solve_ns, ..facts_of(&navigator) })
+    let faults = injected.specs.iter().map(ToString::to_string).collect();
+    output.finish(&RunFacts { faults, estimator, window, keyframes, iterations, solve_ns, ..facts_of(&navigator) })
 }
 
 /// What the navigator itself counted.
 pub(crate) fn facts_of(navigator: &Navigator) -> RunFacts {
     let mut facts = RunFacts {
+        faults: Vec::new(),
         estimator: "",
         window: 0,
         keyframes: 0,

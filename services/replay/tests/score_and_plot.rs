@@ -92,6 +92,7 @@ fn facts() -> RunFacts {
     let mut solve_ns = Histogram::new(3).unwrap();
     solve_ns.record(120_000).unwrap();
     RunFacts {
+        faults: Vec::new(),
         estimator: "fgo",
         window: 20,
         keyframes: 300,

@@ -5,6 +5,7 @@ mod bound;
 mod bound_table;
 mod cases;
 mod consistency;
+mod faults;
 mod parallel;
 mod trial;
 
@@ -27,6 +28,12 @@ enum Experiment {
     Bound(bound_table::Args),
     /// NEES, NIS and containment for every set of sensors, over seeds.
     Consistency(consistency::Args),
+    /// The fault matrix: each class of the catalogue that readings can have, over seeds, against its expectations.
+    Faults(faults::matrix::Args),
+    /// What outliers, gaps and blackouts cost against the clean run of the same seed.
+    Outliers(faults::outliers::Args),
+    /// What late stamps cost against the clean run of the same seed, per sensor.
+    Offsets(faults::offsets::Args),
 }
 
 fn main() -> ExitCode {
@@ -34,6 +41,9 @@ fn main() -> ExitCode {
         Experiment::Accuracy(args) => accuracy::run(&args),
         Experiment::Bound(args) => bound_table::run(&args),
         Experiment::Consistency(args) => consistency::run(&args),
+        Experiment::Faults(args) => faults::matrix::run(&args),
+        Experiment::Outliers(args) => faults::outliers::run(&args),
+        Experiment::Offsets(args) => faults::offsets::run(&args),
     };
     ilns_runtime::exit_with("experiments", result)
 }

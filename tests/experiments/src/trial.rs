@@ -66,6 +66,9 @@ pub enum TrialError {
     /// The configuration.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// The navigator panicked in a run whose figures are needed.
+    #[error("the navigator panicked: {0}")]
+    Panicked(String),
     /// No estimate met the truth.
     #[error("scenario {scenario}, seed {seed}: no estimate was published")]
     NoEstimate {

@@ -1,0 +1,269 @@
+//! One mission with faults through the navigator, written down ten times a second.
+
+use std::convert::Infallible;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use nav_evaluation::{EstimatePoint, Pair, Scorer, Window};
+use nav_geometry::Geodetic;
+use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
+use shared_types::{
+    Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS, SensorCounts,
+};
+use sim_faults::{FaultSpec, Tally};
+use sim_world::{Preset, Scenario, World};
+
+use crate::trial::TrialError;
+
+/// Rows per second.
+const RATE: f64 = 10.0;
+
+/// What to run.
+#[derive(Clone, Debug)]
+pub struct FaultRun {
+    /// In the order in which they act.
+    pub faults: Vec<FaultSpec>,
+    /// `section.key=value`.
+    pub sets: Vec<String>,
+    /// Of the world and of the faults.
+    pub seed: u64,
+}
+
+/// The run at a truth row.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// s.
+    pub t: f64,
+    /// Estimate minus truth, m.
+    pub error_enu: [f64; 3],
+    /// 1-sigma, m.
+    pub sigma_enu: [f64; 3],
+    /// About the up axis, deg.
+    pub heading_error_deg: f64,
+    /// Largest step between two estimates since the last row, beyond what the velocity explains, in sigmas of its axis.
+    pub step: f64,
+}
+
+/// What came of a run.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// In order of time.
+    pub rows: Vec<Row>,
+    /// Each change of mode, s.
+    pub modes: Vec<(f64, Mode)>,
+    /// Estimates with a number that is none.
+    pub not_finite: u64,
+    /// Per sensor in the order of [`SENSORS`].
+    pub rejected: [[u64; REJECT_REASONS.len()]; SENSORS.len()],
+    /// Used, per sensor.
+    pub used: [u64; SENSORS.len()],
+    /// What each fault has done.
+    pub tallies: Vec<(FaultSpec, Tally)>,
+    /// Instants at which the number of used readings of a sensor grew, s, per sensor.
+    pub used_at: [Vec<f64>; SENSORS.len()],
+}
+
+/// A trace, or the panic that ended it.
+pub type Outcome = Result<Trace, String>;
+
+/// The mission that every fault meets.
+pub fn scenario() -> Result<Scenario, TrialError> {
+    Ok(Scenario::parse(include_str!("../../scenarios/faults.toml"), Path::new("scenarios/faults.toml"))?)
+}
+
+impl FaultRun {
+    /// Runs it; a panic of the navigator is an outcome like another.
+    ///
+    /// # Errors
+    /// [`TrialError`]: the scenario or a setting is wrong.
+    pub fn run(&self) -> Result<Outcome, TrialError> {
+        let scenario = scenario()?;
+        let world = World::new(&scenario, Preset::Realistic, self.seed)?;
+        let facts = ConfigText::new("sensors.toml", world.sensors_toml());
+        let config = Config::load(&[facts], &self.sets)?;
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.navigate(&scenario, &world, &config)));
+        Ok(outcome.map_err(|panic| {
+            let text = panic.downcast_ref::<String>().cloned();
+            text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned())).unwrap_or_default()
+        }))
+    }
+
+    fn navigate(&self, scenario: &Scenario, world: &World, config: &Config) -> Trace {
+        let [lat_deg, lon_deg, height] = scenario.origin_deg;
+        let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
+        let mut log = Logbook::default();
+        let mut navigator = Navigator::new(config, Rebase::After(Duration::ZERO));
+        // All of it beforehand: a wrong stamp of the IMU must not find it missing.
+        world.truth_rows(RATE).for_each(|row| scorer.truth(&row));
+        let mut faults = world.faults(&self.faults, None);
+        let mut push = |reading: &RawReading, scorer: &mut Scorer, log: &mut Logbook| {
+            navigator.push(reading, &mut Unmeasured, &mut |output| match output {
+                Output::Estimate(estimate) if estimate.mode() != Mode::Initialising => {
+                    log.estimate(estimate);
+                    scorer.estimate_with(&EstimatePoint::from(estimate), |pair| log.pair(pair));
+                }
+                Output::Solution(solution, _) => log.counts(solution.t_keyframe, &solution.counts),
+                Output::Estimate(_) | Output::Origin(_) => {}
+            });
+        };
+        for reading in world.readings().map(Ok::<_, Infallible>) {
+            let Ok(reading) = reading;
+            faults.push(reading);
+            while let Some(reading) = faults.pop() {
+                push(&reading, &mut scorer, &mut log);
+            }
+        }
+        faults.finish();
+        while let Some(reading) = faults.pop() {
+            push(&reading, &mut scorer, &mut log);
+        }
+        let mut trace = Trace {
+            rows: log.rows,
+            modes: log.modes,
+            not_finite: log.not_finite,
+            rejected: Default::default(),
+            used: Default::default(),
+            tallies: faults.tallies().map(|(spec, tally)| (spec.clone(), tally)).collect(),
+            used_at: log.used_at,
+        };
+        for sensor in SENSORS {
+            let index = sensor.index();
+            for (reason, count) in navigator.rejected(index) {
+                trace.rejected[index][reason.index()] = count;
+            }
+            trace.used[index] = navigator.counts()[index].used;
+        }
+        trace
+    }
+}
+
+#[derive(Default)]
+struct Logbook {
+    rows: Vec<Row>,
+    modes: Vec<(f64, Mode)>,
+    not_finite: u64,
+    last: Option<EstimatePoint>,
+    step: f64,
+    used: [u64; SENSORS.len()],
+    used_at: [Vec<f64>; SENSORS.len()],
+}
+
+impl Logbook {
+    fn estimate(&mut self, estimate: &NavEstimate) {
+        let t = estimate.header.t_valid as f64 * 1e-9;
+        if self.modes.last().is_none_or(|(_, mode)| *mode != estimate.mode()) {
+            self.modes.push((t, estimate.mode()));
+        }
+        let numbers =
+            [&estimate.position_enu[..], &estimate.velocity_enu, &estimate.q_enu_body, &estimate.position_cov];
+        self.not_finite += u64::from(numbers.iter().any(|values| values.iter().any(|value| !value.is_finite())));
+        let now = EstimatePoint::from(estimate);
+        if let Some(last) = &self.last {
+            let dt = (now.t - last.t).as_seconds();
+            let step = now.position_enu - last.position_enu - (now.velocity_enu + last.velocity_enu) * (0.5 * dt);
+            for axis in 0..3 {
+                // Where the sigma jumps with the estimate (a gap is over), the estimate has said so.
+                let sigma = now.sigma_position_enu[axis].max(last.sigma_position_enu[axis]);
+                self.step = self.step.max((step[axis] / sigma).abs());
+            }
+        }
+        self.last = Some(now);
+    }
+
+    fn pair(&mut self, pair: &Pair) {
+        self.rows.push(Row {
+            t: pair.estimate.t.as_seconds(),
+            error_enu: pair.position_error_enu.into(),
+            sigma_enu: pair.estimate.sigma_position_enu.into(),
+            heading_error_deg: pair.attitude_error.z.to_degrees(),
+            step: std::mem::take(&mut self.step),
+        });
+    }
+
+    fn counts(&mut self, t_keyframe: i64, counts: &[SensorCounts]) {
+        for (index, count) in counts.iter().enumerate() {
+            if count.used > self.used[index] {
+                self.used[index] = count.used;
+                self.used_at[index].push(t_keyframe as f64 * 1e-9);
+            }
+        }
+    }
+}
+
+impl Trace {
+    /// Root mean square of horizontal and vertical error from `from` s on, m.
+    pub fn rms_since(&self, from: f64) -> [f64; 2] {
+        let rows: Vec<&Row> = self.rows.iter().filter(|row| row.t >= from).collect();
+        let mean =
+            |of: &dyn Fn(&Row) -> f64| (rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64).sqrt();
+        [mean(&|row| row.error_enu[0].powi(2) + row.error_enu[1].powi(2)), mean(&|row| row.error_enu[2].powi(2))]
+    }
+
+    /// The largest error in sigmas of its axis, and when.
+    pub fn worst(&self) -> (f64, f64) {
+        let each = self
+            .rows
+            .iter()
+            .flat_map(|row| (0..3).map(|axis| ((row.error_enu[axis] / row.sigma_enu[axis]).abs(), row.t)));
+        each.fold((0.0, 0.0), |worst, next| if next.0 > worst.0 || next.0.is_nan() { next } else { worst })
+    }
+
+    /// Components beyond three sigmas, and all components.
+    pub fn outside(&self) -> (usize, usize) {
+        let is_out = |row: &Row, axis: usize| {
+            let deviation = (row.error_enu[axis] / row.sigma_enu[axis]).abs();
+            deviation.is_nan() || deviation > 3.0
+        };
+        let out = self.rows.iter().map(|row| (0..3).filter(|axis| is_out(row, *axis)).count()).sum();
+        (out, 3 * self.rows.len())
+    }
+
+    /// Mean of squared error over sigma: horizontal (mean of both axes) and vertical; 1 is honest.
+    pub fn nees(&self) -> [f64; 2] {
+        let axes = [0, 1, 2].map(|axis| {
+            let sum: f64 = self.rows.iter().map(|row| (row.error_enu[axis] / row.sigma_enu[axis]).powi(2)).sum();
+            sum / self.rows.len().max(1) as f64
+        });
+        [0.5 * (axes[0] + axes[1]), axes[2]]
+    }
+
+    /// Largest distance from the estimate of `clean` in sigmas that `clean` states, within `from..to` s; rows pair by time.
+    pub fn deviation(&self, clean: &Trace, from: f64, to: f64) -> f64 {
+        let within = self.deviations(clean).filter(|(t, _)| (from..to).contains(t));
+        within.flat_map(|(_, squared)| squared).fold(0.0, f64::max).sqrt()
+    }
+
+    /// Time, and the squared distance from `clean` in its sigmas on each axis.
+    fn deviations<'a>(&'a self, clean: &'a Trace) -> impl Iterator<Item = (f64, [f64; 3])> + 'a {
+        let mut others = clean.rows.iter().peekable();
+        self.rows.iter().filter_map(move |row| {
+            while others.next_if(|other| other.t < row.t - 1e-6).is_some() {}
+            let other = others.peek().filter(|other| other.t < row.t + 1e-6)?;
+            let squared = |axis: usize| ((row.error_enu[axis] - other.error_enu[axis]) / other.sigma_enu[axis]).powi(2);
+            Some((row.t, [0, 1, 2].map(squared)))
+        })
+    }
+
+    /// How long after `end` s the estimate is for good as near to that of `clean` as an RMS of 1.2 times that of `clean`
+    /// makes likely. `None`: not before the run is over.
+    ///
+    /// An RMS 1.2 times as large is an error of its own of variance 1.2² − 1 = 0.44 of the clean one; its three components
+    /// stay within 7.81 of that in 95 of 100 cases (χ², three degrees of freedom).
+    pub fn recovery(&self, clean: &Trace, end: f64) -> Option<f64> {
+        const NEAR: f64 = 0.44 * 7.81;
+        let mut since = None;
+        for (t, squared) in self.deviations(clean).filter(|(t, _)| *t >= end) {
+            if squared.iter().sum::<f64>() > NEAR {
+                since = None;
+            } else if since.is_none() {
+                since = Some(t - end);
+            }
+        }
+        since
+    }
+
+    /// From `end` s to the first keyframe that uses a reading of the sensor, s.
+    pub fn accepted_after(&self, sensor: shared_types::Sensor, end: f64) -> Option<f64> {
+        self.used_at[sensor.index()].iter().find(|t| **t >= end).map(|t| t - end)
+    }
+}
