@@ -32,7 +32,7 @@ pub use health::{Heartbeat, HopLatency, Process, ProcessState, SensorHealth};
 pub use measurement::{KeyframeCause, Measurement, MeasurementError, Reading};
 pub use navigator::{
     AnchorMethod, EstimatorKind, FgoConfig, ImuGateConfig, Kernel, KeyframeConfig, Navigator, PropagatorConfig,
-    SensorConfig,
+    SensorConfig, TimeOffset,
 };
 pub use readings::{
     BuoyFix, DvlVelocity, FrameOrigin, GnssFix, ImuSample, LblRange, McpHeading, PsDepth, RawReading, Truth,

@@ -83,6 +83,17 @@ pub enum Kernel {
     AdaptiveCauchy(f64),
 }
 
+/// Whether a sensor's stamps are believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TimeOffset {
+    /// They are.
+    Off,
+    /// They are too late by this much, s.
+    Fixed(f64),
+    /// That is the first guess, s; what the motion shows is taken instead.
+    Estimated(f64),
+}
+
 /// The sliding window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FgoConfig {
@@ -129,6 +140,8 @@ pub struct SensorConfig {
     pub kernel: Kernel,
     /// Chi-square gate on the innovation, 99.9 %.
     pub gate: bool,
+    /// How late its stamps are.
+    pub time_offset: TimeOffset,
 }
 
 /// The published estimate.
@@ -215,6 +228,15 @@ enum KernelName {
     AdaptiveCauchy,
 }
 
+/// What is asked of a sensor's time offset, in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum TimeOffsetName {
+    Off,
+    Fixed,
+    Estimated,
+}
+
 section!(FgoSection {
     /// The paper's SW = 20.
     window: usize = 20;
@@ -249,6 +271,10 @@ section!(LblSection {
     /// Chosen over four hostile seeds (§4.2).
     kernel_width: f64 = 2.0;
     gate: bool = true;
+    /// How late its stamps are is found where the motion shows it; one that is right pays nothing for that.
+    time_offset: TimeOffsetName = TimeOffsetName::Estimated;
+    /// The fixed value, or the first guess, s.
+    time_offset_value: f64 = 0.0;
     /// 0: raw ranges; `inf`: differences as in the paper.
     common_offset_sigma: f64 = 0.0;
     /// Beyond the reach of acoustic positioning.
@@ -264,6 +290,8 @@ section!(GnssSection {
     kernel_width: f64 = 1.345;
     /// A 99.9 % gate refused a quarter of good fixes when other stamps were late (§4.2).
     gate: bool = false;
+    time_offset: TimeOffsetName = TimeOffsetName::Estimated;
+    time_offset_value: f64 = 0.0;
     /// An antenna that deep hears nothing; the fix is an error.
     max_depth: f64 = 2.0;
 });
@@ -272,6 +300,8 @@ section!(DvlSection {
     kernel: KernelName = KernelName::AdaptiveCauchy;
     kernel_width: f64 = 2.385;
     gate: bool = true;
+    time_offset: TimeOffsetName = TimeOffsetName::Estimated;
+    time_offset_value: f64 = 0.0;
     /// Faster than instruments measure; high enough for a car's odometer.
     max_speed: f64 = 60.0;
 });
@@ -280,12 +310,16 @@ section!(McpSection {
     kernel: KernelName = KernelName::Huber;
     kernel_width: f64 = 1.345;
     gate: bool = false;
+    time_offset: TimeOffsetName = TimeOffsetName::Estimated;
+    time_offset_value: f64 = 0.0;
 });
 section!(PsSection {
     enabled: bool = true;
     kernel: KernelName = KernelName::Huber;
     kernel_width: f64 = 1.345;
     gate: bool = false;
+    time_offset: TimeOffsetName = TimeOffsetName::Estimated;
+    time_offset_value: f64 = 0.0;
     /// Full ocean depth.
     max_depth: f64 = 12000.0;
 });
@@ -307,21 +341,53 @@ fn seconds(key: &'static str, value: f64) -> Result<Duration, Problem> {
     Ok(Duration::from_seconds(positive(key, value)?))
 }
 
-fn sensor(
-    keys: [&'static str; 1],
+/// The keys that every sensor's section has, as the file says them.
+struct SensorKeys {
+    /// Names for a complaint: of the kernel's width and of the offset's value.
+    names: [&'static str; 2],
     enabled: bool,
-    name: KernelName,
+    kernel: KernelName,
     width: f64,
     gate: bool,
-) -> Result<SensorConfig, Problem> {
-    let width = positive(keys[0], width)?;
-    let kernel = match name {
+    time_offset: TimeOffsetName,
+    value: f64,
+}
+
+/// The sensor's keys out of its section.
+macro_rules! sensor_keys {
+    ($name:literal, $section:expr) => {
+        SensorKeys {
+            names: [concat!($name, ".kernel_width"), concat!($name, ".time_offset_value")],
+            enabled: $section.enabled,
+            kernel: $section.kernel,
+            width: $section.kernel_width,
+            gate: $section.gate,
+            time_offset: $section.time_offset,
+            value: $section.time_offset_value,
+        }
+    };
+}
+
+fn sensor(keys: &SensorKeys) -> Result<SensorConfig, Problem> {
+    /// Beyond that a stamp is not late but of another clock, s.
+    const LARGEST_OFFSET: f64 = 1.0;
+    let width = positive(keys.names[0], keys.width)?;
+    let kernel = match keys.kernel {
         KernelName::None => Kernel::None,
         KernelName::Huber => Kernel::Huber(width),
         KernelName::Cauchy => Kernel::Cauchy(width),
         KernelName::AdaptiveCauchy => Kernel::AdaptiveCauchy(width),
     };
-    Ok(SensorConfig { enabled, kernel, gate })
+    let value = keys.value;
+    if value.is_nan() || value.abs() > LARGEST_OFFSET {
+        return Err(Problem::new(keys.names[1], format!("{value} s"), "-1 to 1 s"));
+    }
+    let time_offset = match keys.time_offset {
+        TimeOffsetName::Off => TimeOffset::Off,
+        TimeOffsetName::Fixed => TimeOffset::Fixed(value),
+        TimeOffsetName::Estimated => TimeOffset::Estimated(value),
+    };
+    Ok(SensorConfig { enabled: keys.enabled, kernel, gate: keys.gate, time_offset })
 }
 
 impl TryFrom<&Sections> for Navigator {
@@ -374,17 +440,11 @@ impl TryFrom<&Sections> for Navigator {
                 long_gap: seconds("imu.long_gap", file.imu.long_gap)?,
             },
             sensors: [
-                sensor(["lbl.kernel_width"], file.lbl.enabled, file.lbl.kernel, file.lbl.kernel_width, file.lbl.gate)?,
-                sensor(
-                    ["gnss.kernel_width"],
-                    file.gnss.enabled,
-                    file.gnss.kernel,
-                    file.gnss.kernel_width,
-                    file.gnss.gate,
-                )?,
-                sensor(["dvl.kernel_width"], file.dvl.enabled, file.dvl.kernel, file.dvl.kernel_width, file.dvl.gate)?,
-                sensor(["mcp.kernel_width"], file.mcp.enabled, file.mcp.kernel, file.mcp.kernel_width, file.mcp.gate)?,
-                sensor(["ps.kernel_width"], file.ps.enabled, file.ps.kernel, file.ps.kernel_width, file.ps.gate)?,
+                sensor(&sensor_keys!("lbl", file.lbl))?,
+                sensor(&sensor_keys!("gnss", file.gnss))?,
+                sensor(&sensor_keys!("dvl", file.dvl))?,
+                sensor(&sensor_keys!("mcp", file.mcp))?,
+                sensor(&sensor_keys!("ps", file.ps))?,
             ],
             lbl_common_offset_sigma: offset,
             lbl_max_range: positive("lbl.max_range", file.lbl.max_range)?,

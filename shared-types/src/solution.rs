@@ -52,7 +52,7 @@ message! {
     ///
     /// Error order of the covariance: position (ENU), velocity (ENU), attitude (body, right perturbation),
     /// accelerometer bias, gyroscope bias.
-    Solution, "ilns.Solution.1", schema 1 {
+    Solution, "ilns.Solution.2", schema 2 {
         /// Sender, order and times; `t_valid` equals `t_keyframe`.
         header: Header,
         /// Counts solutions since the estimation began; estimates name it.
@@ -77,6 +77,10 @@ message! {
         t_last_used: [i64; 5],
         /// Per sensor, in the order of [`crate::SENSORS`].
         counts: [SensorCounts; 7],
+        /// How much too late each [`crate::AIDING`] sensor's stamps are taken to be, s.
+        time_offset: [f64; 5],
+        /// 1-sigma of that, s; 0 while nothing speaks against the stamps, or nobody asks.
+        time_offset_sigma: [f64; 5],
         /// Half the weighted sum of squares over the window.
         cost: f64,
         /// Keyframes in the window.

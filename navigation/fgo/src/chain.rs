@@ -89,6 +89,30 @@ impl<const N: usize> Link<N> {
         delta
     }
 
+    /// Y_kᵀ of the last sweep.
+    #[inline(always)]
+    pub fn y_transposed(&self) -> &Block<N> {
+        &self.y_transposed
+    }
+
+    /// y_k = L_k⁻¹ b_k of the last sweep.
+    #[inline(always)]
+    pub fn swept_right(&self) -> &BlockVector<N> {
+        &self.y
+    }
+
+    /// x ← L_k⁻¹ x: another right side, or a column that stands beside the chain.
+    #[inline(always)]
+    pub fn solve_column(&self, x: &mut BlockVector<N>) {
+        solve_lower(&self.factor, x);
+    }
+
+    /// x ← L_k⁻ᵀ x.
+    #[inline(always)]
+    pub fn solve_column_back(&self, x: &mut BlockVector<N>) {
+        solve_upper(&self.factor, x);
+    }
+
     /// What remains on the next keyframe when this one, the oldest, is marginalised.
     #[inline(always)]
     pub fn marginal(&self) -> Marginal<N> {

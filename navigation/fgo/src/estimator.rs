@@ -28,7 +28,8 @@ use crate::kernels::{Block, add_product_transposed};
 use crate::recovery::{SUSPICIOUS_EPOCHS, loosening};
 use crate::rows::DIM;
 use crate::smoother::Smoothed;
-use crate::ties::{Closing, Pending, Ties};
+use crate::ties::{Closing, Pending, Ties, place};
+use crate::time_offsets::Move;
 use crate::window::{SolveReport, Window};
 
 /// Samples kept for an initialisation that looks back.
@@ -106,6 +107,7 @@ impl FgoEstimator {
         self.solutions = solution.id + 1;
         self.ties.counts = solution.counts;
         self.ties.t_last_used = solution.t_last_used.map(Time);
+        self.ties.offsets.resume(&solution.time_offset, &solution.time_offset_sigma);
         true
     }
 
@@ -117,6 +119,11 @@ impl FgoEstimator {
     /// Used and refused measurements per sensor since the start.
     pub fn counts(&self) -> &[SensorCounts] {
         &self.ties.counts
+    }
+
+    /// How much too late each [`AIDING`] sensor's stamps are taken to be, and the sigmas of that, s.
+    pub fn time_offsets(&self) -> ([f64; AIDING.len()], [f64; AIDING.len()]) {
+        self.ties.offsets.published()
     }
 
     /// Solves everything in the window as one batch, in at most `max_passes` linearisations, and leaves the window at the
@@ -233,8 +240,28 @@ impl FgoEstimator {
             Effort::Full => self.config.navigator.fgo.max_iterations,
             Effort::Reduced | Effort::Hold => 1,
         };
-        let solve = window.solve(max_passes, &self.history, &self.imu);
+        let mut solve = window.solve(max_passes, &self.history, &self.imu);
+        let mut moved = false;
+        for sensor in 0..AIDING.len() {
+            if let Some(Move { by, term }) = self.ties.offsets.judge(sensor, window.time_offset(sensor), t - last) {
+                window.shift(sensor, term, by, &self.history, &self.imu);
+                moved = true;
+            }
+        }
+        if moved {
+            let again = window.solve(max_passes, &self.history, &self.imu);
+            solve = SolveReport {
+                passes: solve.passes + again.passes,
+                linearised: solve.linearised + again.linearised,
+                swept: solve.swept + again.swept,
+                ..again
+            };
+        }
         self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
+        for (sensor, term, variance) in self.ties.offsets.to_cover() {
+            let by_offset = window.state_by_offset(sensor, term);
+            self.newest_covariance += by_offset * by_offset.transpose() * variance;
+        }
         self.report.cost[1] = window.cost();
         if let Some(oldest) = window.nodes().front().map(|node| node.t) {
             self.history.forget_before(oldest);
@@ -262,6 +289,8 @@ impl FgoEstimator {
             covariance: [[0.0; DIM]; DIM],
             t_last_used: self.ties.t_last_used.map(|t| t.0),
             counts: self.ties.counts,
+            time_offset: self.ties.offsets.published().0,
+            time_offset_sigma: self.ties.offsets.published().1,
             cost: self.report.cost[1],
             keyframes: 0,
             iterations: solve.passes,
@@ -326,7 +355,8 @@ impl Estimator for FgoEstimator {
                 Ok(None)
             }
             _ => {
-                self.open.want(measurement.t_valid(), &self.imu);
+                let offset = place(measurement).map_or(Duration::ZERO, |sensor| self.ties.offsets.of(sensor));
+                self.open.want(measurement.t_valid() - offset, &self.imu);
                 self.pending.push((*measurement, reading));
                 Ok(None)
             }

@@ -5,7 +5,7 @@
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 use nav_models::anchored::{Anchored, SensorModel};
-use nav_models::preintegration::{Increment, Piece};
+use nav_models::preintegration::{ImuPoint, Increment, Piece};
 use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
 use nav_models::state::NavState;
 use nav_models::world::WorldModel;
@@ -51,6 +51,17 @@ pub struct Factor {
     pub buoy: u32,
     /// L⁻¹ with Λ = LLᵀ, from [`Factor::whiten`] on; the upper left corner counts.
     whitening: SMatrix<f64, ROWS_MAX, ROWS_MAX>,
+    /// Whitened change with its stamp's offset, as [`Row::slope`]; frozen with the whitening.
+    slope: SVector<f64, ROWS_MAX>,
+}
+
+/// How a reading's stamp may be wrong.
+#[derive(Clone, Copy, Debug)]
+pub struct Stamp {
+    /// The IMU sample at the reading.
+    pub point: ImuPoint,
+    /// 1-sigma of what its time may be off by, s.
+    pub sigma: f64,
 }
 
 /// A covariance that cannot be inverted, or a prediction that is not a number.
@@ -81,12 +92,23 @@ const NO_ROW: Row = Row {
     residual: 0.0,
     inverse_sigma: 0.0,
     weight: 1.0,
+    slope: 0.0,
 };
 
 impl Factor {
     /// A measurement at `t`.
     pub fn new(t: Time, model: Model, increment: Option<Increment>, kernel: Kernel) -> Factor {
-        Factor { t, model, increment, kernel, epoch: 0, offset_sigma: 0.0, buoy: 0, whitening: SMatrix::zeros() }
+        Factor {
+            t,
+            model,
+            increment,
+            kernel,
+            epoch: 0,
+            offset_sigma: 0.0,
+            buoy: 0,
+            whitening: SMatrix::zeros(),
+            slope: SVector::zeros(),
+        }
     }
 
     /// The same as one range of an epoch.
@@ -107,6 +129,17 @@ impl Factor {
         }
     }
 
+    /// Place of that sensor in [`shared_types::AIDING`].
+    pub fn place(&self) -> usize {
+        match self.model {
+            Model::Lbl(_) => 0,
+            Model::Gnss(_) => 1,
+            Model::Dvl(_) => 2,
+            Model::Mcp(_) => 3,
+            Model::Ps(_) => 4,
+        }
+    }
+
     /// Whether it shares an offset with other ranges.
     pub fn shares_offset(&self) -> bool {
         matches!(self.model, Model::Lbl(_)) && self.offset_sigma > 0.0
@@ -122,7 +155,7 @@ impl Factor {
     }
 
     /// Whitens it by its own noise and that of `piece`, from its keyframe to its time (`None` at the keyframe itself), for
-    /// as long as it lives; returns its rows.
+    /// as long as it lives; returns its rows. With a `stamp` that may be wrong its covariance covers that.
     ///
     /// # Errors
     /// [`Unusable`]: the covariance is singular or a number is not finite.
@@ -130,14 +163,15 @@ impl Factor {
         &mut self,
         linearised: &NavState,
         piece: Option<&Piece<'_>>,
+        stamp: Option<&Stamp>,
         world: &WorldModel,
     ) -> Result<MeasuredRows, Unusable> {
         match self.model {
-            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, world),
-            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, world),
-            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, world),
-            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, world),
-            Model::Ps(model) => self.whiten_as(&model, linearised, piece, world),
+            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, stamp, world),
+            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, stamp, world),
+            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, stamp, world),
+            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, stamp, world),
+            Model::Ps(model) => self.whiten_as(&model, linearised, piece, stamp, world),
         }
     }
 
@@ -146,14 +180,31 @@ impl Factor {
         model: &impl SensorModel<ROWS>,
         linearised: &NavState,
         piece: Option<&Piece<'_>>,
+        stamp: Option<&Stamp>,
         world: &WorldModel,
     ) -> Result<MeasuredRows, Unusable> {
         let anchored = self.anchored(model, linearised, world);
-        let covariance = piece.map_or(anchored.covariance, |piece| anchored.inflated_covariance(piece));
+        let mut covariance = piece.map_or(anchored.covariance, |piece| anchored.inflated_covariance(piece));
+        let mut slope = SVector::<f64, ROWS>::zeros();
+        if let Some(stamp) = stamp {
+            slope = -anchored.rate(linearised, self.increment.as_ref(), &stamp.point, world);
+            covariance += slope * slope.transpose() * (stamp.sigma * stamp.sigma);
+        }
         let whitening = inverse_root(&covariance).ok_or(Unusable)?;
         self.whitening = SMatrix::zeros();
         self.whitening.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
+        self.slope = SVector::zeros();
+        self.slope.fixed_rows_mut::<ROWS>(0).copy_from(&(whitening * slope));
         self.whitened(&anchored)
+    }
+
+    /// Puts it at another time, at the end of another increment from its keyframe. Its whitening stays.
+    pub fn move_to(&mut self, t: Time, increment: Increment, point: &ImuPoint) {
+        self.t = t;
+        self.increment = Some(increment);
+        if let Model::Dvl(model) = &mut self.model {
+            model.gyro_body = point.gyro_body;
+        }
     }
 
     /// Its rows at another linearisation point of its keyframe.
@@ -186,7 +237,7 @@ impl Factor {
         let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
         let residual: SVector<f64, ROWS> = whitening * anchored.residual;
         let jacobian: SMatrix<f64, ROWS, DIM> = whitening * anchored.jacobian;
-        if !residual.iter().chain(jacobian.iter()).all(|x| x.is_finite()) {
+        if !residual.iter().chain(jacobian.iter()).chain(self.slope.iter()).all(|x| x.is_finite()) {
             return Err(Unusable);
         }
         let mut measured = MeasuredRows { rows: [NO_ROW; ROWS_MAX], count: ROWS };
@@ -194,6 +245,7 @@ impl Factor {
             row.jacobian = jacobian.row(index).transpose();
             row.residual = residual[index];
             row.inverse_sigma = whitening[(index, index)];
+            row.slope = self.slope[index];
         }
         Ok(measured)
     }
@@ -206,7 +258,7 @@ impl Factor {
         } else {
             1
         };
-        rows.open(first.group());
+        rows.open(first.place(), first.group());
         for factor in &factors[..members] {
             // A factor that was usable once and no longer is (a heading near the vertical) says nothing meanwhile.
             if let Ok(measured) = factor.rows(linearised, world) {
@@ -256,7 +308,7 @@ mod tests {
             let lbl = Lbl { sigma, lever_arm_body: [0.4, -0.15, 0.25], reference_buoy: 1, buoy_sigma: 0.0 };
             let model = Model::Lbl(LblModel::new(ranges[index], buoys[index], 0.0, &lbl));
             let mut factor = Factor::new(Time(0), model, None, Kernel::None).of_epoch(1, index as u32, offset_sigma);
-            factor.whiten(&state, None, &world).expect("regular");
+            factor.whiten(&state, None, None, &world).expect("regular");
             factors.push(factor);
         }
         let mut rows = Rows::default();

@@ -25,6 +25,8 @@ pub struct Innovation {
     pub nis: f64,
     /// tr(J̃ C J̃ᵀ): how much of S is the state's own uncertainty, against the number of rows.
     pub state_share: f64,
+    /// How it changes if the stamp is too late by τ, row by row in the same units, 1/s.
+    pub slope: [f64; 3],
 }
 
 impl Innovation {
@@ -33,9 +35,11 @@ impl Innovation {
         let count = rows.len();
         let mut s = SMatrix::<f64, 3, 3>::identity();
         let mut innovation = SVector::<f64, 3>::zeros();
+        let mut slope = SVector::<f64, 3>::zeros();
         let mut state_share = 0.0;
         for (i, row) in rows.iter().enumerate() {
             innovation[i] = row.after(delta);
+            slope[i] = row.slope;
             let mut projected = BlockVector::zeros();
             add_times_transposed(&mut projected, covariance, &row.jacobian, 1.0);
             for (j, other) in rows.iter().enumerate().take(i + 1) {
@@ -51,9 +55,10 @@ impl Innovation {
         let mut whitened = innovation;
         if let Some(cholesky) = Cholesky::new(s) {
             cholesky.l_dirty().solve_lower_triangular_mut(&mut whitened);
+            cholesky.l_dirty().solve_lower_triangular_mut(&mut slope);
         }
         let nis = whitened.rows(0, count).norm_squared();
-        Innovation { whitened: whitened.into(), nis, state_share }
+        Innovation { whitened: whitened.into(), nis, state_share, slope: slope.into() }
     }
 
     /// The same for one range whose epoch's unknown offset is estimated as `offset` sigmas of that range.
@@ -125,7 +130,7 @@ mod tests {
     fn row(at: usize, residual: f64) -> Row {
         let mut jacobian = BlockVector::zeros();
         jacobian[at] = 1.0;
-        Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0 }
+        Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slope: 0.0 }
     }
 
     #[test]

@@ -12,10 +12,12 @@
 //! | `innovation.rs`, `robust.rs` | how probable is it, how much does it count? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
 //! | `recovery.rs` | is it the state that is wrong, not the sensors? |
+//! | `columns.rs`, `time_offsets.rs` | are a sensor's stamps right? |
 //! | `chain.rs`, `kernels.rs` | the block-tridiagonal solve |
 
 mod batch;
 pub mod chain;
+mod columns;
 mod estimator;
 mod factor;
 mod innovation;
@@ -27,6 +29,7 @@ mod robust;
 mod rows;
 mod smoother;
 mod ties;
+mod time_offsets;
 mod window;
 
 pub use batch::BatchReport;

@@ -6,14 +6,15 @@ use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState, POSITION, VELOCITY};
 use nav_models::wide;
 use nav_models::world::WorldModel;
-use shared_types::Time;
+use shared_types::{AIDING, Duration, Time};
 
 use crate::chain::Link;
+use crate::columns::Columns;
 use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed, dot};
 use crate::recovery::Loosening;
-use crate::rows::{DIM, Rows};
+use crate::rows::{DIM, Rows, Slope};
 
 /// A state further than this from its linearisation point is linearised anew (§4.3): the ranges' curvature over 0.3 m
 /// and the attitude's over 2 mrad stay below a tenth of a millimetre.
@@ -49,10 +50,14 @@ pub struct Node {
     pub rows: Rows,
     /// Normal equations of the rows at their weights.
     pub sensors: (Block<DIM>, BlockVector<DIM>),
+    /// The same of the sensors' time offsets.
+    pub slopes: [Slope; AIDING.len()],
     /// IMU interval to the next keyframe; nothing for the newest.
     pub interval: Interval,
     /// Its place in the chain.
     pub link: Link<DIM>,
+    /// The time offsets' columns beside it.
+    pub columns: Columns,
     /// Half the robust sum of squares of its measurements and its interval, when last summed.
     pub cost: f64,
 }
@@ -154,8 +159,10 @@ impl Node {
             factors: Vec::with_capacity(64),
             rows: Rows::default(),
             sensors: (Block::zeros(), BlockVector::zeros()),
+            slopes: [Slope::NONE; AIDING.len()],
             interval: Interval::default(),
             link: Link::default(),
+            columns: Columns::default(),
             cost: 0.0,
         }
     }
@@ -169,6 +176,7 @@ impl Node {
         self.factors.clear();
         self.rows.clear();
         self.sensors = (Block::zeros(), BlockVector::zeros());
+        self.slopes = [Slope::NONE; AIDING.len()];
         self.interval.closed = None;
         self.interval.near = (Block::zeros(), BlockVector::zeros());
         self.interval.far = (Block::zeros(), BlockVector::zeros());
@@ -193,6 +201,7 @@ impl Node {
         self.sensors = (Block::zeros(), BlockVector::zeros());
         let Node { rows, sensors: (information, right), .. } = self;
         wide(|| rows.assemble(information, right));
+        self.slopes = wide(|| self.rows.assemble_slopes());
     }
 
     /// Takes robust weights from the residuals at the present estimate where they differ by more than `tolerance`. Returns
@@ -251,6 +260,21 @@ impl Node {
                 factor.increment = Some(anew.increment);
             }
         }
+    }
+
+    /// Takes an offset of `by` s out of the stamps of a sensor's measurements. Those whose new time the samples do not
+    /// reach keep their place.
+    pub fn shift(&mut self, sensor: usize, by: Duration, history: &ImuHistory, imu: &ImuModel, world: &WorldModel) {
+        let (accel_bias, gyro_bias) = (self.linearised.accel_bias, self.linearised.gyro_bias);
+        for factor in self.factors.iter_mut().filter(|factor| factor.place() == sensor) {
+            let t = factor.t - by;
+            if let (Some(piece), Some(point)) =
+                (history.integrate(self.t, t, &accel_bias, &gyro_bias, imu), history.at(t))
+            {
+                factor.move_to(t, piece.increment, &point);
+            }
+        }
+        self.linearise_sensors(world);
     }
 
     /// Moves the linearisation point to the present estimate; returns the step that was taken.

@@ -7,7 +7,7 @@
 //! `W = Σ⁻¹ − Σ⁻¹1 1ᵀΣ⁻¹ / (σ_d⁻² + 1ᵀΣ⁻¹1)` (§3.2 of the method): the sum over rows less a rank-one part.
 //! σ_d = 0 makes them single rows, σ_d = ∞ is identical to range differences against any reference buoy.
 
-use shared_types::Kernel;
+use shared_types::{AIDING, Kernel};
 
 use crate::kernels::{Block, BlockVector, dot};
 use crate::robust::{Losses, weight};
@@ -26,6 +26,8 @@ pub struct Row {
     pub inverse_sigma: f64,
     /// Robust weight in use.
     pub weight: f64,
+    /// ∂r/∂τ over σ, τ being how much too late its stamp is: minus the residual's own rate, 1/s.
+    pub slope: f64,
 }
 
 impl Row {
@@ -58,6 +60,28 @@ struct Span {
     first: usize,
     end: usize,
     group: Group,
+    /// Place of the sensor in [`AIDING`].
+    sensor: usize,
+}
+
+/// A sensor's time offset τ in the normal equations of one keyframe: [JᵀWJ, F; Fᵀ, S] and the right side of τ.
+#[derive(Clone, Copy, Debug)]
+pub struct Slope {
+    /// F = JᵀWd.
+    pub coupling: BlockVector<DIM>,
+    /// S = dᵀWd.
+    pub information: f64,
+    /// −dᵀWr.
+    pub right: f64,
+}
+
+impl Slope {
+    /// No reading.
+    pub const NONE: Slope = Slope {
+        coupling: BlockVector::<DIM>::from_array_storage(nalgebra::ArrayStorage([[0.0; DIM]])),
+        information: 0.0,
+        right: 0.0,
+    };
 }
 
 /// All rows tied to one keyframe.
@@ -74,16 +98,16 @@ impl Rows {
         self.spans.clear();
     }
 
-    /// Appends a group.
-    pub fn push(&mut self, group: Group, rows: &[Row]) {
-        self.open(group);
+    /// Appends a group of the sensor at this place in [`AIDING`].
+    pub fn push(&mut self, sensor: usize, group: Group, rows: &[Row]) {
+        self.open(sensor, group);
         self.extend(rows);
         self.close();
     }
 
     /// Begins a group, to be filled with [`Rows::extend`] and ended with [`Rows::close`].
-    pub fn open(&mut self, group: Group) {
-        self.spans.push(Span { first: self.rows.len(), end: self.rows.len(), group });
+    pub fn open(&mut self, sensor: usize, group: Group) {
+        self.spans.push(Span { first: self.rows.len(), end: self.rows.len(), group, sensor });
     }
 
     /// Adds rows to the group that was begun.
@@ -127,6 +151,39 @@ impl Rows {
         }
         add_outer(information, &direction, -1.0 / total);
         add_scaled(right, &direction, mean / total);
+    }
+
+    /// The normal equations' part of each sensor's time offset.
+    #[inline(always)]
+    pub fn assemble_slopes(&self) -> [Slope; AIDING.len()] {
+        let mut slopes = [Slope::NONE; AIDING.len()];
+        for span in &self.spans {
+            let slope = &mut slopes[span.sensor];
+            let rows = &self.rows[span.first..span.end];
+            for row in rows {
+                let weighted = row.weight * row.slope;
+                add_scaled(&mut slope.coupling, &row.jacobian, weighted);
+                slope.information += weighted * row.slope;
+                slope.right -= weighted * row.residual;
+            }
+            if let Group::CommonOffset { sigma, .. } = span.group {
+                let mut total = 1.0 / (sigma * sigma);
+                let (mut mean_slope, mut mean) = (0.0, 0.0);
+                for row in rows {
+                    let share = row.weight * row.inverse_sigma;
+                    total += share * row.inverse_sigma;
+                    mean_slope += share * row.slope;
+                    mean += share * row.residual;
+                }
+                for row in rows {
+                    let share = row.weight * row.inverse_sigma;
+                    add_scaled(&mut slope.coupling, &row.jacobian, -share * mean_slope / total);
+                }
+                slope.information -= mean_slope * mean_slope / total;
+                slope.right += mean_slope * mean / total;
+            }
+        }
+        slopes
     }
 
     /// Takes robust weights from the residuals after a step δ. A measurement whose weight would change by no more than
@@ -253,6 +310,7 @@ mod tests {
                 residual: residual[i] / SIGMAS[i],
                 inverse_sigma: 1.0 / SIGMAS[i],
                 weight: 1.0,
+                slope: (i as f64 - 1.3) / SIGMAS[i],
             })
             .collect();
         (jacobian, residual, rows)
@@ -271,7 +329,7 @@ mod tests {
     fn assembled(group: Group) -> (Block<DIM>, BlockVector<DIM>) {
         let (_, _, rows) = epoch();
         let mut block = Rows::default();
-        block.push(group, &rows);
+        block.push(0, group, &rows);
         let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
         block.assemble(&mut information, &mut right);
         (information, right)
@@ -288,6 +346,23 @@ mod tests {
             assert!(off < tolerance, "sigma {sigma}: {off} {tolerance}");
             assert!(off_right < tolerance, "sigma {sigma}: {off_right} {tolerance}");
         }
+    }
+
+    #[test]
+    fn the_slopes_are_those_of_the_full_covariance() {
+        let sigma = 0.8;
+        let (_, _, rows) = epoch();
+        let mut block = Rows::default();
+        block.push(2, Group::CommonOffset { kernel: Kernel::None, sigma }, &rows);
+        let slope = block.assemble_slopes()[2];
+        let (jacobian, residual, _) = epoch();
+        let d = DVector::from_fn(4, |i, _| i as f64 - 1.3);
+        let covariance =
+            DMatrix::from_fn(4, 4, |i, j| sigma * sigma + if i == j { SIGMAS[i] * SIGMAS[i] } else { 0.0 });
+        let w = covariance.cholesky().expect("positive definite").inverse();
+        assert!((slope.coupling - jacobian.transpose() * &w * &d).amax() < 1e-11);
+        assert!((slope.information - d.dot(&(&w * &d))).abs() < 1e-11);
+        assert!((slope.right + d.dot(&(&w * residual))).abs() < 1e-11);
     }
 
     #[test]
@@ -311,7 +386,7 @@ mod tests {
     fn one_range_with_an_unknown_offset_says_nothing() {
         let (_, _, rows) = epoch();
         let mut block = Rows::default();
-        block.push(Group::CommonOffset { kernel: Kernel::None, sigma: f64::INFINITY }, &rows[..1]);
+        block.push(0, Group::CommonOffset { kernel: Kernel::None, sigma: f64::INFINITY }, &rows[..1]);
         let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
         block.assemble(&mut information, &mut right);
         assert!(information.amax() < 1e-12 && right.amax() < 1e-12);
@@ -321,9 +396,9 @@ mod tests {
     fn the_right_side_is_the_downhill_slope_of_the_cost() {
         let (_, _, rows) = epoch();
         let mut block = Rows::default();
-        block.push(Group::Single { kernel: Kernel::Huber(1.345) }, &rows[..3]);
-        block.push(Group::Single { kernel: Kernel::Cauchy(2.0) }, &rows[3..]);
-        block.push(Group::CommonOffset { kernel: Kernel::None, sigma: 1.0 }, &rows);
+        block.push(0, Group::Single { kernel: Kernel::Huber(1.345) }, &rows[..3]);
+        block.push(0, Group::Single { kernel: Kernel::Cauchy(2.0) }, &rows[3..]);
+        block.push(0, Group::CommonOffset { kernel: Kernel::None, sigma: 1.0 }, &rows);
         block.refresh_weights(&BlockVector::zeros(), 0.0);
         let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
         block.assemble(&mut information, &mut right);
@@ -343,7 +418,7 @@ mod tests {
         }
         rows[2].residual = -200.0;
         let mut block = Rows::default();
-        block.push(Group::CommonOffset { kernel: Kernel::Cauchy(2.0), sigma: f64::INFINITY }, &rows);
+        block.push(0, Group::CommonOffset { kernel: Kernel::Cauchy(2.0), sigma: f64::INFINITY }, &rows);
         for _ in 0..20 {
             block.refresh_weights(&BlockVector::zeros(), 0.0);
         }

@@ -8,12 +8,13 @@ use shared_types::{
     Sensor, SensorCounts, Time,
 };
 
-use crate::factor::{Factor, MeasuredRows, Model};
+use crate::factor::{Factor, MeasuredRows, Model, Stamp};
 use crate::innovation::{Innovation, Refusals, median};
 use crate::interval::{ImuHistory, ImuModel, OpenInterval};
 use crate::kernels::Block;
 use crate::robust::{ImprobableShare, settle};
 use crate::rows::{DIM, Row};
+use crate::time_offsets::TimeOffsets;
 use crate::window::Window;
 
 /// Ranges of one epoch; further ones are counted as too many.
@@ -57,6 +58,8 @@ pub struct Ties {
     epoch: Vec<Candidate>,
     epoch_factors: Vec<Factor>,
     epoch_rows: Vec<Row>,
+    /// How late each sensor's stamps are.
+    pub offsets: TimeOffsets,
     /// Room for a piece that has to be integrated.
     side: Preintegration,
     /// Used and refused since the start.
@@ -75,6 +78,7 @@ impl Ties {
             epoch: Vec::with_capacity(EPOCH_MAX),
             epoch_factors: Vec::with_capacity(EPOCH_MAX),
             epoch_rows: Vec::with_capacity(EPOCH_MAX),
+            offsets: TimeOffsets::new(config.navigator.sensors.map(|sensor| sensor.time_offset)),
             side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
             counts: [SensorCounts::default(); SENSORS.len()],
             t_last_used: [Time::MIN; AIDING.len()],
@@ -173,7 +177,8 @@ impl Ties {
     ) -> Result<Candidate, RejectReason> {
         let world = window.world();
         let vehicle = &self.config.vehicle;
-        let t = measurement.t_valid();
+        let place = place(measurement).ok_or(RejectReason::Malformed)?;
+        let t = measurement.t_valid() - self.offsets.of(place);
         let node = &window.nodes()[index];
         let side = &mut self.side;
         let piece = piece_to(t, index, window, closing, side)?;
@@ -206,7 +211,11 @@ impl Ties {
         if let Reading::Lbl { buoy, epoch, .. } = *reading {
             factor = factor.of_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
         }
-        let rows = factor.whiten(&node.linearised, piece.as_ref(), world).map_err(|_| RejectReason::NotFinite)?;
+        let stamp =
+            self.offsets.sigma(place).and_then(|sigma| closing.history.at(t).map(|point| Stamp { point, sigma }));
+        let rows = factor
+            .whiten(&node.linearised, piece.as_ref(), stamp.as_ref(), world)
+            .map_err(|_| RejectReason::NotFinite)?;
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
         let covariance =
             if index + 2 == window.nodes().len() { closing.covariance_before } else { closing.covariance_newest };
@@ -240,6 +249,7 @@ impl Ties {
         }
         let admits = self.refusals[sensor.index()].admits_next();
         let mut passed_any = false;
+        let offsets = &mut self.offsets;
         let (share, counts) = (&mut self.shares[sensor.index()], &mut self.counts[sensor.index()]);
         let t_last_used = AIDING.iter().position(|&aiding| aiding == sensor).map(|at| &mut self.t_last_used[at]);
         let mut t_newest = Time::MIN;
@@ -254,6 +264,7 @@ impl Ties {
             list_candidate(report, candidate, weight, refused);
             if refused {
                 counts.rejected[RejectReason::Gated.index()] += 1;
+                offsets.observe_refused(candidate.factor.place(), &candidate.innovation, weight);
             } else {
                 counts.used += 1;
                 t_newest = t_newest.max(candidate.factor.t);
@@ -267,6 +278,12 @@ impl Ties {
             self.refusals[sensor.index()].observe(t, passed_any);
         }
     }
+}
+
+/// Place of a measurement's sensor in [`AIDING`].
+pub fn place(measurement: &Measurement) -> Option<usize> {
+    let sensor = measurement.sensor()?;
+    AIDING.iter().position(|&aiding| aiding == sensor)
 }
 
 /// The piece from keyframe `index` to `t`, with `side` as room for what has to be integrated; `None` where they coincide.

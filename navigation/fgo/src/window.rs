@@ -16,9 +16,10 @@ use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState};
 use nav_models::wide;
 use nav_models::world::WorldModel;
-use shared_types::{FgoConfig, Time};
+use shared_types::{Duration, FgoConfig, Time};
 
 use crate::chain::Marginal;
+use crate::columns::{Before, ColumnPrior, OffsetScore, TERMS, fading};
 use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{
@@ -38,6 +39,8 @@ const PRIOR_POSITION: f64 = 10.0;
 const PRIOR_VELOCITY: f64 = 1.0;
 /// Keyframes for which room is made beforehand; only a batch has more.
 const WINDOW_RESERVED: usize = 512;
+/// Readings of which less than this share of an offset would be taken keep their stamps.
+const SHIFT_SHARE_MIN: f64 = 1e-3;
 /// Damping tried in turn when the information does not determine a state.
 const DAMPINGS: [f64; 5] = [0.0, 1e-9, 1e-7, 1e-5, 1e-3];
 
@@ -64,6 +67,7 @@ pub struct Window {
     nodes: VecDeque<Node>,
     spare: Vec<Node>,
     prior: Marginal<DIM>,
+    column_prior: ColumnPrior,
     /// Whether the prior holds marginalised states, whose linearisation cannot be repeated.
     prior_is_marginal: bool,
     /// First link whose blocks changed since the last sweep.
@@ -81,6 +85,7 @@ impl Window {
             nodes: VecDeque::with_capacity((config.window + 2).min(WINDOW_RESERVED)),
             spare: Vec::with_capacity(2),
             prior: Marginal { information: Block::zeros(), right: BlockVector::zeros() },
+            column_prior: ColumnPrior::default(),
             prior_is_marginal: false,
             dirty: 0,
             uncounted: 0,
@@ -108,6 +113,7 @@ impl Window {
         }
         self.prior = Marginal { information, right: BlockVector::zeros() };
         self.prior_is_marginal = false;
+        self.column_prior = ColumnPrior::default();
         self.push_node(t, state);
         self.dirty = 0;
         self.uncounted = 0;
@@ -137,6 +143,9 @@ impl Window {
             return;
         }
         let Some(oldest) = self.nodes.pop_front() else { return };
+        if let Some(next) = self.nodes.front() {
+            self.column_prior = oldest.columns.marginal(&oldest.link, next.t - oldest.t);
+        }
         let Marginal { information, right } = wide(|| oldest.link.marginal());
         self.prior =
             Marginal { information: oldest.interval.far.0 + information, right: oldest.interval.far.1 + right };
@@ -170,7 +179,7 @@ impl Window {
     pub fn tie(&mut self, index: usize, factors: &[Factor], rows: &[Row]) {
         let Some(first) = factors.first() else { return };
         let node = &mut self.nodes[index];
-        node.rows.push(first.group(), rows);
+        node.rows.push(first.place(), first.group(), rows);
         node.factors.extend_from_slice(factors);
         self.dirty = self.dirty.min(index);
         self.uncounted = self.uncounted.min(index);
@@ -237,7 +246,12 @@ impl Window {
         let nodes = self.nodes.make_contiguous();
         for index in self.dirty..nodes.len() {
             let (before, rest) = nodes.split_at_mut(index);
-            wide(|| rest[0].link.sweep(before.last().map(|node| &node.link), damping))?;
+            let (node, before) = (&mut rest[0], before.last());
+            wide(|| node.link.sweep(before.map(|node| &node.link), damping))?;
+            let before = before.map_or(Before::Prior(&self.column_prior), |earlier| {
+                Before::Link(&earlier.columns, &earlier.link, node.t - earlier.t)
+            });
+            wide(|| node.columns.sweep(&node.link, &node.slopes, before));
             report.swept += 1;
         }
         Ok(())
@@ -332,6 +346,41 @@ impl Window {
         let moved = right - information * step;
         self.prior =
             Marginal { information: carry.transpose() * information * carry, right: carry.transpose() * moved };
+        self.column_prior.carry(step, &carry);
+    }
+
+    /// Takes an offset of `by` s out of a sensor's stamps, less of it the older they are, as one memory of `columns` has it;
+    /// the next solve is over the whole window.
+    pub fn shift(&mut self, sensor: usize, term: usize, by: f64, history: &ImuHistory, imu: &ImuModel) {
+        let Some(newest) = self.nodes.back().map(|node| node.t) else { return };
+        let world = self.world;
+        for (index, node) in self.nodes.iter_mut().enumerate() {
+            let share = fading(newest - node.t, term);
+            // Only a batch reaches that far back.
+            if share > SHIFT_SHARE_MIN {
+                node.shift(sensor, Duration::from_seconds(by * share), history, imu, &world);
+                self.dirty = self.dirty.min(index);
+                self.uncounted = self.uncounted.min(index);
+            }
+        }
+        if let Some(oldest) = self.nodes.front() {
+            let share = fading(newest - oldest.t, term);
+            if share > SHIFT_SHARE_MIN {
+                self.column_prior.shift(sensor, term, by * share, &mut self.prior.right);
+            }
+        }
+    }
+
+    /// What each memory says of a sensor's time offset.
+    pub fn time_offset(&self, sensor: usize) -> [OffsetScore; TERMS] {
+        self.nodes.back().map_or([OffsetScore::default(); TERMS], |newest| newest.columns.of(sensor))
+    }
+
+    /// How far the newest state is off per s of a sensor's time offset.
+    pub fn state_by_offset(&self, sensor: usize, term: usize) -> BlockVector<DIM> {
+        self.nodes
+            .back()
+            .map_or(BlockVector::zeros(), |newest| newest.columns.state_by_offset(&newest.link, sensor, term))
     }
 
     /// Brings everything to the estimate: states that are too far from their linearisation points (all of them if

@@ -8,10 +8,10 @@
 //! The paper weighs with R_z alone. The increment from the keyframe to the reading is itself noisy: with good sensors or a
 //! long offset its share of Λ matters, and without it the estimate is overconfident.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{SMatrix, SVector, Vector3};
 
-use crate::preintegration::{Increment, NoiseRows, Piece};
-use crate::state::{ERROR_DIM, GYRO_BIAS, NavState};
+use crate::preintegration::{ImuPoint, Increment, NoiseRows, Piece};
+use crate::state::{ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::transport::Carried;
 use crate::world::WorldModel;
 
@@ -85,6 +85,36 @@ impl<const ROWS: usize> Anchored<ROWS> {
             covariance: model.covariance(state, world),
             noise_rows: NoiseRows { by_increment: SMatrix::zeros(), by_gyro: None },
         }
+    }
+
+    /// How fast the residual changes if the reading is taken later, per s: `H (v, v̇, ω)` of the state at the reading.
+    ///
+    /// `state` is the keyframe's, `increment` that of [`Anchored::new`] (`None` at the keyframe), `point` the IMU sample at
+    /// the reading. The change of the lever arm's velocity is left out, and over the increment the Earth stands still.
+    pub fn rate(
+        &self,
+        state: &NavState,
+        increment: Option<&Increment>,
+        point: &ImuPoint,
+        world: &WorldModel,
+    ) -> SVector<f64, ROWS> {
+        let force = point.accel_body - state.accel_bias;
+        let rate = point.gyro_body - state.gyro_bias - state.q_enu_body.inverse() * world.earth_rate_enu;
+        let gravity = world.gravity.at(&state.position_enu);
+        let columns = |at: usize| self.jacobian.fixed_columns::<3>(at).into_owned();
+        let Some(increment) = increment else {
+            let acceleration = state.q_enu_body * force + gravity;
+            return columns(POSITION) * state.velocity_enu
+                + columns(VELOCITY) * acceleration
+                + columns(ATTITUDE) * rate;
+        };
+        let r_enu_body = state.r_enu_body();
+        let velocity = state.velocity_enu + gravity * increment.dt_total + r_enu_body * increment.beta;
+        // In the axes of the keyframe's body, which the increment is written in.
+        let acceleration: Vector3<f64> = increment.gamma * force + r_enu_body.tr_mul(&gravity);
+        columns(POSITION) * velocity
+            + self.noise_rows.by_increment.fixed_columns::<3>(3) * acceleration
+            + self.noise_rows.by_increment.fixed_columns::<3>(6) * rate
     }
 
     /// Λ = R_z + Q P15 Qᵀ: the reading's own covariance and that of the piece from the keyframe.

@@ -163,6 +163,8 @@ pub(crate) fn solution(
         gyro_bias: [0.0; 3],
         covariance: [[0.0; ERROR_DIM]; ERROR_DIM],
         t_last_used: [t_keyframe.0; 5],
+        time_offset: [0.0; 5],
+        time_offset_sigma: [0.0; 5],
         counts: [shared_types::SensorCounts::default(); 7],
         cost: 0.0,
         keyframes: 1,

@@ -4,7 +4,7 @@ use nav_fgo::{FgoEstimator, Smoothed};
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
 use shared_types::{
-    Config, EstimatorKind, FrameOrigin, KeyframeReport, Measurement, NavEstimate, SensorCounts, Solution,
+    AIDING, Config, EstimatorKind, FrameOrigin, KeyframeReport, Measurement, NavEstimate, SensorCounts, Solution,
 };
 
 /// The estimator that the configuration names.
@@ -55,6 +55,13 @@ impl ChosenEstimator {
     pub fn report(&self) -> &KeyframeReport {
         match self {
             ChosenEstimator::Fgo(fgo) => fgo.report(),
+        }
+    }
+
+    /// How much too late each [`shared_types::AIDING`] sensor's stamps are taken to be, and the sigmas of that, s.
+    pub fn time_offsets(&self) -> ([f64; AIDING.len()], [f64; AIDING.len()]) {
+        match self {
+            ChosenEstimator::Fgo(fgo) => fgo.time_offsets(),
         }
     }
 

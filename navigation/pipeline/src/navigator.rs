@@ -5,7 +5,7 @@ use nav_models::estimator::{Effort, Estimator};
 use nav_models::propagator::Propagator;
 use nav_preprocessing::{ImuGate, ImuVerdict, Preprocessor};
 use shared_types::{
-    BuoyFix, Config, Duration, FrameOrigin, KeyframeReport, Measurement, NavEstimate, RawReading, RejectReason,
+    AIDING, BuoyFix, Config, Duration, FrameOrigin, KeyframeReport, Measurement, NavEstimate, RawReading, RejectReason,
     SENSORS, SensorCounts, SensorHealth, Solution, Time,
 };
 
@@ -155,6 +155,11 @@ impl Navigator {
     /// Received and refused readings per sensor, in the order of [`SENSORS`].
     pub fn health(&self) -> &[SensorHealth; SENSORS.len()] {
         self.preprocessor.health()
+    }
+
+    /// How much too late each [`AIDING`] sensor's stamps are taken to be, and the sigmas of that, s.
+    pub fn time_offsets(&self) -> ([f64; AIDING.len()], [f64; AIDING.len()]) {
+        self.back.estimator.time_offsets()
     }
 
     /// Used and refused measurements per sensor.

@@ -103,6 +103,8 @@ pub(crate) fn solution_at(t: f64) -> Solution {
         gyro_bias: [0.0; 3],
         covariance: [[0.0; 15]; 15],
         t_last_used: [0; 5],
+        time_offset: [0.0; 5],
+        time_offset_sigma: [0.0; 5],
         counts,
         cost: 12.0,
         keyframes: 20,

@@ -73,6 +73,8 @@ fn solution(id: u64, t: f64) -> Solution {
         gyro_bias: [0.0; 3],
         covariance,
         t_last_used: [t.0, i64::MIN, i64::MIN, i64::MIN, i64::MIN],
+        time_offset: [0.0; 5],
+        time_offset_sigma: [0.0; 5],
         counts: [SensorCounts::default(); 7],
         cost: 0.0,
         keyframes: 2,

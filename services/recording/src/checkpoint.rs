@@ -47,6 +47,8 @@ struct Kept {
     gyro_bias: [f64; 3],
     covariance: [[f64; 15]; 15],
     t_last_used: [i64; 5],
+    time_offset: [f64; 5],
+    time_offset_sigma: [f64; 5],
     counts: [(u64, [u64; 15]); 7],
 }
 
@@ -81,6 +83,8 @@ fn encode(solution: &Solution) -> Vec<u8> {
         gyro_bias: solution.gyro_bias,
         covariance: solution.covariance,
         t_last_used: solution.t_last_used,
+        time_offset: solution.time_offset,
+        time_offset_sigma: solution.time_offset_sigma,
         counts: solution.counts.map(|counts| (counts.used, counts.rejected)),
     };
     let payload = bincode::serde::encode_to_vec(&kept, configuration()).expect("plain numbers are within the limit");
@@ -139,6 +143,8 @@ fn decode(bytes: &[u8]) -> Result<Solution, CheckpointError> {
         gyro_bias: kept.gyro_bias,
         covariance: kept.covariance,
         t_last_used: kept.t_last_used,
+        time_offset: kept.time_offset,
+        time_offset_sigma: kept.time_offset_sigma,
         counts: kept.counts.map(|(used, rejected)| SensorCounts { used, rejected }),
         cost: 0.0,
         keyframes: 0,
@@ -166,6 +172,8 @@ mod tests {
             gyro_bias: [0.0, 1e-4, 0.0],
             covariance: [[0.5; 15]; 15],
             t_last_used: [1, 2, 3, 4, i64::MIN],
+            time_offset: [0.0, 0.25, 0.0, -0.1, 0.0],
+            time_offset_sigma: [0.0, 0.01, 0.0, 0.02, 0.0],
             counts: [SensorCounts { used: 9, rejected: [3; 15] }; 7],
             cost: 0.0,
             keyframes: 0,

@@ -34,4 +34,4 @@ pub use log_writer::{LogWriter, LogWriterOptions};
 pub use merged::MergedLog;
 pub use reader::{BuoyReader, LblReader, LogReader, read_truth};
 pub use rows::LogRow;
-pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary};
+pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};

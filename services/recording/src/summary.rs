@@ -64,7 +64,7 @@ pub struct SolveTimes {
 }
 
 /// What became of a sensor's readings.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SensorSummary {
     /// Read.
     pub received: u64,
@@ -72,6 +72,18 @@ pub struct SensorSummary {
     pub used: u64,
     /// Refused, by the reason's name; reasons that did not occur are left out.
     pub rejected: BTreeMap<String, u64>,
+    /// How late its stamps were found to be at the end; left out where nothing spoke against them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_offset: Option<TimeOffsetSummary>,
+}
+
+/// A sensor's time offset.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimeOffsetSummary {
+    /// How much too late its stamps are, s.
+    pub offset_s: f64,
+    /// 1-sigma of that, s.
+    pub sigma_s: f64,
 }
 
 impl SensorSummary {
@@ -82,6 +94,7 @@ impl SensorSummary {
             received,
             used: counts.used,
             rejected: rejected.map(|(reason, count)| (reason.name().to_owned(), count)).collect(),
+            time_offset: None,
         }
     }
 }

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
-use ilns_recording::{LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary};
+use ilns_recording::{LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};
 use nav_evaluation::{EstimatePoint, Score, Scorer, Window};
 use nav_geometry::Geodetic;
-use shared_types::{Mode, NavEstimate, SENSORS, SensorCounts, Time};
+use shared_types::{AIDING, Mode, NavEstimate, SENSORS, Sensor, SensorCounts, Time};
 
 use crate::background::BackgroundWriter;
 use crate::error::ReplayError;
@@ -37,6 +37,8 @@ pub struct RunFacts {
     pub received: [u64; 7],
     /// What became of them, in the same order.
     pub counts: [SensorCounts; 7],
+    /// Time offsets of the [`AIDING`] sensors and their sigmas, s.
+    pub time_offsets: ([f64; 5], [f64; 5]),
 }
 
 /// The results of a run under construction; none bears its name before [`ReplayOutput::finish`].
@@ -145,7 +147,8 @@ impl ReplayOutput {
                 .iter()
                 .map(|sensor| {
                     let index = sensor.index();
-                    let summary = SensorSummary::new(facts.received[index], &facts.counts[index]);
+                    let mut summary = SensorSummary::new(facts.received[index], &facts.counts[index]);
+                    summary.time_offset = time_offset(facts, *sensor);
                     (sensor.name().to_owned(), summary)
                 })
                 .collect(),
@@ -165,6 +168,13 @@ impl ReplayOutput {
             .map(|mode| (mode.name().to_owned(), self.modes[*mode as usize] as f64 / estimates as f64))
             .collect()
     }
+}
+
+/// What was found of a sensor's stamps; `None` where nothing spoke against them.
+fn time_offset(facts: &RunFacts, sensor: Sensor) -> Option<TimeOffsetSummary> {
+    let place = AIDING.iter().position(|&aiding| aiding == sensor)?;
+    let (offset_s, sigma_s) = (facts.time_offsets.0[place], facts.time_offsets.1[place]);
+    (offset_s != 0.0).then_some(TimeOffsetSummary { offset_s, sigma_s })
 }
 
 fn solve_times(solve_ns: &Histogram<u64>) -> SolveTimes {

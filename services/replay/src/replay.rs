@@ -141,6 +141,7 @@ pub(crate) fn facts_of(navigator: &Navigator) -> RunFacts {
         solve_ns: Histogram::new(3).expect("3 digits are in bounds"),
         received: [0; 7],
         counts: [SensorCounts::default(); 7],
+        time_offsets: navigator.time_offsets(),
     };
     for sensor in SENSORS {
         let index = sensor.index();

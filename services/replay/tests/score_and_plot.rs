@@ -101,6 +101,7 @@ fn facts() -> RunFacts {
         solve_ns,
         received: [9; 7],
         counts,
+        time_offsets: ([0.0, 0.0, 0.25, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0, 0.0]),
     }
 }
 

@@ -315,3 +315,40 @@ fn vehicle_facts_reach_the_models() {
     assert_eq!(PsModel::new(3.0, &vehicle).surface_height, vehicle.frame.surface_height);
     assert_eq!(McpModel::new(0.1, &vehicle.mcp).sigma, vehicle.mcp.sigma);
 }
+
+/// The residual's rate against that of the residual itself when the reading is taken a little later and earlier, at the
+/// keyframe and away from it, forward and backward.
+fn check_rate<const ROWS: usize>(model: &impl SensorModel<ROWS>, tolerance: f64) {
+    const STEP: f64 = 1e-3;
+    let point = golden_sample(2.5);
+    for (state, piece) in both_ways() {
+        for piece in [piece, Preintegration::new(piece.accel_bias, piece.gyro_bias)] {
+            // At the biases of the piece, to which nothing has to be corrected.
+            let state = NavState { accel_bias: piece.accel_bias, gyro_bias: piece.gyro_bias, ..state };
+            let residual_after = |dt: f64| {
+                let mut moved = piece;
+                moved.step_mean(dt, &point, &point);
+                Anchored::new(model, &state, &moved, &world()).residual
+            };
+            let numeric = (residual_after(STEP) - residual_after(-STEP)) / (2.0 * STEP);
+            let analytic = if piece.dt_total == 0.0 {
+                Anchored::at_keyframe(model, &state, &world()).rate(&state, None, &point, &world())
+            } else {
+                Anchored::new(model, &state, &piece, &world()).rate(&state, Some(&piece), &point, &world())
+            };
+            for row in 0..ROWS {
+                assert_relative_eq!(analytic[row], numeric[row], epsilon = tolerance);
+            }
+        }
+    }
+}
+
+#[test]
+fn residuals_change_with_the_time_of_the_reading_as_their_rate_says() {
+    // The turn of the Earth over the piece is left out: 7e-5 rad/s of the velocity and of gravity over half a second.
+    check_rate(&golden_lbl(), 1e-3);
+    check_rate(&golden_gnss(), 1e-3);
+    check_rate(&golden_dvl(), 1e-3);
+    check_rate(&golden_mcp(), 1e-4);
+    check_rate(&golden_ps(), 1e-3);
+}

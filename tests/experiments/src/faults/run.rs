@@ -8,7 +8,7 @@ use nav_evaluation::{EstimatePoint, Pair, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
 use shared_types::{
-    Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS, SensorCounts,
+    AIDING, Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS, Solution,
 };
 use sim_faults::{FaultSpec, Tally};
 use sim_world::{Preset, Scenario, World};
@@ -61,6 +61,19 @@ pub struct Trace {
     pub tallies: Vec<(FaultSpec, Tally)>,
     /// Instants at which the number of used readings of a sensor grew, s, per sensor.
     pub used_at: [Vec<f64>; SENSORS.len()],
+    /// What the estimator says of its sensors' stamps, keyframe by keyframe.
+    pub offsets: Vec<Offsets>,
+}
+
+/// Time offsets at a keyframe, per aiding sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct Offsets {
+    /// Of the keyframe, s.
+    pub t: f64,
+    /// How late the stamps are taken to be, s.
+    pub found: [f64; AIDING.len()],
+    /// 1-sigma of that, s.
+    pub sigma: [f64; AIDING.len()],
 }
 
 /// A trace, or the panic that ended it.
@@ -102,7 +115,7 @@ impl FaultRun {
                     log.estimate(estimate);
                     scorer.estimate_with(&EstimatePoint::from(estimate), |pair| log.pair(pair));
                 }
-                Output::Solution(solution, _) => log.counts(solution.t_keyframe, &solution.counts),
+                Output::Solution(solution, _) => log.solution(solution),
                 Output::Estimate(_) | Output::Origin(_) => {}
             });
         };
@@ -125,6 +138,7 @@ impl FaultRun {
             used: Default::default(),
             tallies: faults.tallies().map(|(spec, tally)| (spec.clone(), tally)).collect(),
             used_at: log.used_at,
+            offsets: log.offsets,
         };
         for sensor in SENSORS {
             let index = sensor.index();
@@ -146,6 +160,7 @@ struct Logbook {
     step: f64,
     used: [u64; SENSORS.len()],
     used_at: [Vec<f64>; SENSORS.len()],
+    offsets: Vec<Offsets>,
 }
 
 impl Logbook {
@@ -180,13 +195,15 @@ impl Logbook {
         });
     }
 
-    fn counts(&mut self, t_keyframe: i64, counts: &[SensorCounts]) {
-        for (index, count) in counts.iter().enumerate() {
+    fn solution(&mut self, solution: &Solution) {
+        let t = solution.t_keyframe as f64 * 1e-9;
+        for (index, count) in solution.counts.iter().enumerate() {
             if count.used > self.used[index] {
                 self.used[index] = count.used;
-                self.used_at[index].push(t_keyframe as f64 * 1e-9);
+                self.used_at[index].push(t);
             }
         }
+        self.offsets.push(Offsets { t, found: solution.time_offset, sigma: solution.time_offset_sigma });
     }
 }
 
