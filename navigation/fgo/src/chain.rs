@@ -8,6 +8,8 @@
 //! §4.3 of the method. A link keeps its factors, so that only what follows a change is swept again. Off-diagonal blocks
 //! are held transposed, which is the layout that the kernels want.
 
+use nalgebra::SMatrix;
+
 use crate::kernels::{
     Block, BlockVector, NotPositiveDefinite, add_gram_transposed, add_product_transposed, add_times_transposed,
     cholesky, inverse_from_cholesky, solve_lower, solve_lower_transposed, solve_upper, subtract_times,
@@ -101,16 +103,16 @@ impl<const N: usize> Link<N> {
         &self.y
     }
 
-    /// x ← L_k⁻¹ x: another right side, or a column that stands beside the chain.
+    /// L_k of the last sweep.
     #[inline(always)]
-    pub fn solve_column(&self, x: &mut BlockVector<N>) {
-        solve_lower(&self.factor, x);
+    pub fn factor(&self) -> &Block<N> {
+        &self.factor
     }
 
-    /// x ← L_k⁻ᵀ x.
+    /// X ← L_k⁻¹ X of columns that stand beside the chain, given and returned transposed.
     #[inline(always)]
-    pub fn solve_column_back(&self, x: &mut BlockVector<N>) {
-        solve_upper(&self.factor, x);
+    pub fn solve_columns<const M: usize>(&self, x_transposed: &mut SMatrix<f64, M, N>) {
+        solve_lower_transposed(&self.factor, x_transposed);
     }
 
     /// What remains on the next keyframe when this one, the oldest, is marginalised.

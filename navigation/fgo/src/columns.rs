@@ -14,17 +14,19 @@
 //! appears in mid-mission is not weighed against the hours before it. There are two T: the short one sees a step soon,
 //! the long one sees what only a whole turn tells.
 
-use nav_models::wide;
+use nalgebra::{SMatrix, SVector};
 use shared_types::{AIDING, Duration};
 
 use crate::chain::Link;
-use crate::kernels::{Block, BlockVector, add_times_transposed, dot};
+use crate::kernels::{Block, BlockVector, add_product_transposed, add_times_transposed, solve_upper};
 use crate::rows::{DIM, Slope};
 
 /// How many memories.
 pub const TERMS: usize = 2;
 /// T, s.
 const MEMORIES: [f64; TERMS] = [15.0, 60.0];
+/// Columns: the sensors of one memory, then those of the next.
+const WIDTH: usize = TERMS * AIDING.len();
 
 /// e^{−dt/T} of one memory.
 pub fn fading(dt: Duration, term: usize) -> f64 {
@@ -36,100 +38,110 @@ pub fn fadings(dt: Duration) -> [f64; TERMS] {
     core::array::from_fn(|term| fading(dt, term))
 }
 
-/// One sensor's columns at one keyframe, everything before it eliminated.
-#[derive(Clone, Copy, Debug, Default)]
-struct Column {
-    z: [BlockVector<DIM>; TERMS],
-    /// S by two memories.
-    information: [[f64; TERMS]; TERMS],
-    right: [f64; TERMS],
+fn column_of(sensor: usize, term: usize) -> usize {
+    term * AIDING.len() + sensor
 }
 
-/// The columns of all sensors at one keyframe.
-#[derive(Clone, Debug, Default)]
+/// The columns at one keyframe, everything before it eliminated.
+#[derive(Clone, Debug)]
 pub struct Columns {
-    columns: [Column; AIDING.len()],
+    /// z transposed, one row a column of the arrow; f in a prior.
+    z_transposed: SMatrix<f64, WIDTH, DIM>,
+    /// S of each column with itself.
+    information: SVector<f64, WIDTH>,
+    /// S of a sensor's column by the one memory with its column by the other.
+    crossed: [f64; AIDING.len()],
+    right: SVector<f64, WIDTH>,
 }
 
-/// What marginalised keyframes say of the offsets, at the oldest: as [`Column`], but with f in place of z.
-#[derive(Clone, Debug, Default)]
-pub struct ColumnPrior {
-    columns: [Column; AIDING.len()],
+impl Default for Columns {
+    fn default() -> Self {
+        Columns {
+            z_transposed: SMatrix::zeros(),
+            information: SVector::zeros(),
+            crossed: [0.0; AIDING.len()],
+            right: SVector::zeros(),
+        }
+    }
 }
+
+/// What marginalised keyframes say of the offsets, at the oldest: f in place of z.
+#[derive(Clone, Debug, Default)]
+pub struct ColumnPrior(Columns);
 
 impl Columns {
     /// Sweeps the columns of a swept `link`, whose own parts are `own`, after the prior or after those of the link before
     /// and the time from it.
     #[inline(always)]
     pub fn sweep(&mut self, link: &Link<DIM>, own: &[Slope; AIDING.len()], before: Before<'_>) {
-        let faded = match before {
-            Before::Prior(_) => [1.0; TERMS],
-            Before::Link(_, _, dt) => fadings(dt),
-        };
-        for (sensor, column) in self.columns.iter_mut().enumerate() {
-            let own = &own[sensor];
-            let mut swept = Column {
-                z: [own.coupling; TERMS],
-                information: [[own.information; TERMS]; TERMS],
-                right: [own.right; TERMS],
-            };
-            let earlier = match before {
-                Before::Prior(prior) => {
-                    let earlier = &prior.columns[sensor];
-                    for term in 0..TERMS {
-                        swept.z[term] += earlier.z[term];
-                    }
-                    earlier
-                }
-                Before::Link(columns, link_before, _) => {
-                    let earlier = &columns.columns[sensor];
-                    for term in 0..TERMS {
-                        link_before.carry_column(&earlier.z[term], faded[term], &mut swept.z[term]);
-                    }
-                    earlier
-                }
-            };
+        match before {
+            Before::Prior(prior) => *self = prior.0.clone(),
+            Before::Link(columns, link_before, dt) => *self = columns.carried(link_before, dt),
+        }
+        for (sensor, own) in own.iter().enumerate() {
             for term in 0..TERMS {
-                link.solve_column(&mut swept.z[term]);
-                swept.right[term] += faded[term] * earlier.right[term] - dot(&swept.z[term], link.swept_right());
+                let column = column_of(sensor, term);
+                for coordinate in 0..DIM {
+                    self.z_transposed[(column, coordinate)] += own.coupling[coordinate];
+                }
+                self.information[column] += own.information;
+                self.right[column] += own.right;
             }
-            for (term, other) in pairs() {
-                swept.information[term][other] += faded[term] * faded[other] * earlier.information[term][other]
-                    - dot(&swept.z[term], &swept.z[other]);
+            self.crossed[sensor] += own.information;
+        }
+        link.solve_columns(&mut self.z_transposed);
+        add_times_transposed(&mut self.right, &self.z_transposed, link.swept_right(), -1.0);
+        for coordinate in 0..DIM {
+            let z = &self.z_transposed.data.0[coordinate];
+            for column in 0..WIDTH {
+                self.information.data.0[0][column] -= z[column] * z[column];
             }
-            *column = swept;
+            for sensor in 0..AIDING.len() {
+                self.crossed[sensor] -= z[sensor] * z[AIDING.len() + sensor];
+            }
         }
     }
 
-    /// What this link, the oldest, leaves on the next when it is marginalised, `dt` later.
-    pub fn marginal(&self, link: &Link<DIM>, dt: Duration) -> ColumnPrior {
+    /// What they are on the next keyframe, `dt` later: −ρ Yᵀz in place of z.
+    #[inline(always)]
+    fn carried(&self, link: &Link<DIM>, dt: Duration) -> Columns {
         let faded = fadings(dt);
-        let mut prior = ColumnPrior::default();
-        for (left, column) in prior.columns.iter_mut().zip(&self.columns) {
-            for term in 0..TERMS {
-                wide(|| link.carry_column(&column.z[term], faded[term], &mut left.z[term]));
-                left.right[term] = faded[term] * column.right[term];
-            }
-            for (term, other) in pairs() {
-                left.information[term][other] = faded[term] * faded[other] * column.information[term][other];
+        let mut carried = self.clone();
+        let mut z_transposed = self.z_transposed;
+        for term in 0..TERMS {
+            for sensor in 0..AIDING.len() {
+                let column = column_of(sensor, term);
+                for coordinate in 0..DIM {
+                    z_transposed[(column, coordinate)] *= faded[term];
+                }
+                carried.information[column] *= faded[term] * faded[term];
+                carried.right[column] *= faded[term];
             }
         }
-        prior
+        carried.crossed.iter_mut().for_each(|crossed| *crossed *= faded[0] * faded[1]);
+        carried.z_transposed = SMatrix::zeros();
+        add_product_transposed(&mut carried.z_transposed, &z_transposed, link.y_transposed(), -1.0);
+        carried
+    }
+
+    /// What this link, the oldest, leaves on the next when it is marginalised, `dt` later.
+    #[inline(always)]
+    pub fn marginal(&self, link: &Link<DIM>, dt: Duration) -> ColumnPrior {
+        ColumnPrior(self.carried(link, dt))
     }
 
     /// What each memory says of a sensor when this is the newest keyframe.
     pub fn of(&self, sensor: usize) -> [OffsetScore; TERMS] {
-        let column = &self.columns[sensor];
-        core::array::from_fn(|term| OffsetScore {
-            information: column.information[term][term],
-            right: column.right[term],
+        core::array::from_fn(|term| {
+            let column = column_of(sensor, term);
+            OffsetScore { information: self.information[column], right: self.right[column] }
         })
     }
 
     /// ∂x_n/∂τ when `link` is the newest: how far the state is off per s of a sensor's offset.
     pub fn state_by_offset(&self, link: &Link<DIM>, sensor: usize, term: usize) -> BlockVector<DIM> {
-        let mut by_offset = -self.columns[sensor].z[term];
-        link.solve_column_back(&mut by_offset);
+        let mut by_offset = -self.z_transposed.row(column_of(sensor, term)).transpose();
+        solve_upper(link.factor(), &mut by_offset);
         by_offset
     }
 }
@@ -155,34 +167,21 @@ pub struct OffsetScore {
 impl ColumnPrior {
     /// Expresses it at another linearisation point of its keyframe, `step` away, with M of the prior itself.
     pub fn carry(&mut self, step: &BlockVector<DIM>, m: &Block<DIM>) {
-        for column in &mut self.columns {
-            for term in 0..TERMS {
-                column.right[term] -= dot(&column.z[term], step);
-                column.z[term] = m.transpose() * column.z[term];
-            }
-        }
+        let columns = &mut self.0;
+        add_times_transposed(&mut columns.right, &columns.z_transposed, step, -1.0);
+        columns.z_transposed *= m;
     }
 
     /// Takes an offset of `by` s, as one memory has it, out of the prior's readings of a sensor; `right` is the right side
     /// of the states' prior.
     pub fn shift(&mut self, sensor: usize, term: usize, by: f64, right: &mut BlockVector<DIM>) {
-        let column = &mut self.columns[sensor];
-        *right -= column.z[term] * by;
+        let columns = &mut self.0;
+        let column = column_of(sensor, term);
+        *right -= columns.z_transposed.row(column).transpose() * by;
         for other in 0..TERMS {
-            column.right[other] -= column.information[other][term] * by;
+            let information = if other == term { columns.information[column] } else { columns.crossed[sensor] };
+            columns.right[column_of(sensor, other)] -= information * by;
         }
-    }
-}
-
-fn pairs() -> impl Iterator<Item = (usize, usize)> {
-    (0..TERMS).flat_map(|term| (0..TERMS).map(move |other| (term, other)))
-}
-
-impl Link<DIM> {
-    /// target −= ρ Yᵀ z.
-    #[inline(always)]
-    fn carry_column(&self, z: &BlockVector<DIM>, fading: f64, target: &mut BlockVector<DIM>) {
-        add_times_transposed(target, self.y_transposed(), z, -fading);
     }
 }
 
@@ -311,13 +310,14 @@ mod tests {
         let term = 1;
         let mut prior = chain.columns[LINKS - 1].marginal(&chain.links[LINKS - 1], Duration::from_seconds(0.0));
         // As the prior of a last keyframe that has nothing of its own: τ̂ is s/S of its f and x.
-        let column = prior.columns[SENSOR];
-        let found = column.right[term] / column.information[term][term];
+        let columns = prior.0.clone();
+        let (column, other) = (column_of(SENSOR, term), column_of(SENSOR, 0));
+        let found = columns.right[column] / columns.information[column];
         let mut right = BlockVector::zeros();
         prior.shift(SENSOR, term, found, &mut right);
-        assert!(prior.columns[SENSOR].right[term].abs() < 1e-12);
-        assert!((right + column.z[term] * found).amax() < 1e-15);
-        let other = column.right[0] - column.information[0][term] * found;
-        assert!((prior.columns[SENSOR].right[0] - other).abs() < 1e-15);
+        assert!(prior.0.right[column].abs() < 1e-12);
+        assert!((right + columns.z_transposed.row(column).transpose() * found).amax() < 1e-15);
+        let expected = columns.right[other] - columns.crossed[SENSOR] * found;
+        assert!((prior.0.right[other] - expected).abs() < 1e-15);
     }
 }

@@ -242,14 +242,18 @@ impl FgoEstimator {
         };
         let mut solve = window.solve(max_passes, &self.history, &self.imu);
         let mut moved = false;
-        for sensor in 0..AIDING.len() {
-            if let Some(Move { by, term }) = self.ties.offsets.judge(sensor, window.time_offset(sensor), t - last) {
-                window.shift(sensor, term, by, &self.history, &self.imu);
-                moved = true;
+        if !solve.damped {
+            window.sweep_columns();
+            for sensor in 0..AIDING.len() {
+                if let Some(Move { by, term }) = self.ties.offsets.judge(sensor, window.time_offset(sensor), t - last) {
+                    window.shift(sensor, term, by, &self.history, &self.imu);
+                    moved = true;
+                }
             }
         }
         if moved {
             let again = window.solve(max_passes, &self.history, &self.imu);
+            window.sweep_columns();
             solve = SolveReport {
                 passes: solve.passes + again.passes,
                 linearised: solve.linearised + again.linearised,

@@ -6,7 +6,7 @@ use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState, POSITION, VELOCITY};
 use nav_models::wide;
 use nav_models::world::WorldModel;
-use shared_types::{AIDING, Duration, Time};
+use shared_types::{Duration, Time};
 
 use crate::chain::Link;
 use crate::columns::Columns;
@@ -14,7 +14,7 @@ use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed, dot};
 use crate::recovery::Loosening;
-use crate::rows::{DIM, Rows, Slope};
+use crate::rows::{DIM, Rows};
 
 /// A state further than this from its linearisation point is linearised anew (§4.3): the ranges' curvature over 0.3 m
 /// and the attitude's over 2 mrad stay below a tenth of a millimetre.
@@ -50,8 +50,6 @@ pub struct Node {
     pub rows: Rows,
     /// Normal equations of the rows at their weights.
     pub sensors: (Block<DIM>, BlockVector<DIM>),
-    /// The same of the sensors' time offsets.
-    pub slopes: [Slope; AIDING.len()],
     /// IMU interval to the next keyframe; nothing for the newest.
     pub interval: Interval,
     /// Its place in the chain.
@@ -159,7 +157,6 @@ impl Node {
             factors: Vec::with_capacity(64),
             rows: Rows::default(),
             sensors: (Block::zeros(), BlockVector::zeros()),
-            slopes: [Slope::NONE; AIDING.len()],
             interval: Interval::default(),
             link: Link::default(),
             columns: Columns::default(),
@@ -176,7 +173,6 @@ impl Node {
         self.factors.clear();
         self.rows.clear();
         self.sensors = (Block::zeros(), BlockVector::zeros());
-        self.slopes = [Slope::NONE; AIDING.len()];
         self.interval.closed = None;
         self.interval.near = (Block::zeros(), BlockVector::zeros());
         self.interval.far = (Block::zeros(), BlockVector::zeros());
@@ -201,7 +197,6 @@ impl Node {
         self.sensors = (Block::zeros(), BlockVector::zeros());
         let Node { rows, sensors: (information, right), .. } = self;
         wide(|| rows.assemble(information, right));
-        self.slopes = wide(|| self.rows.assemble_slopes());
     }
 
     /// Takes robust weights from the residuals at the present estimate where they differ by more than `tolerance`. Returns

@@ -72,6 +72,8 @@ pub struct Window {
     prior_is_marginal: bool,
     /// First link whose blocks changed since the last sweep.
     dirty: usize,
+    /// First link that was swept since the time offsets' columns were.
+    columns_behind: usize,
     /// First keyframe that moved or was measured since its cost was summed.
     uncounted: usize,
 }
@@ -88,6 +90,7 @@ impl Window {
             column_prior: ColumnPrior::default(),
             prior_is_marginal: false,
             dirty: 0,
+            columns_behind: 0,
             uncounted: 0,
         }
     }
@@ -144,13 +147,14 @@ impl Window {
         }
         let Some(oldest) = self.nodes.pop_front() else { return };
         if let Some(next) = self.nodes.front() {
-            self.column_prior = oldest.columns.marginal(&oldest.link, next.t - oldest.t);
+            self.column_prior = wide(|| oldest.columns.marginal(&oldest.link, next.t - oldest.t));
         }
         let Marginal { information, right } = wide(|| oldest.link.marginal());
         self.prior =
             Marginal { information: oldest.interval.far.0 + information, right: oldest.interval.far.1 + right };
         self.prior_is_marginal = true;
         self.dirty = self.dirty.saturating_sub(1);
+        self.columns_behind = self.columns_behind.saturating_sub(1);
         self.uncounted = self.uncounted.saturating_sub(1);
         self.spare.push(oldest);
     }
@@ -243,15 +247,11 @@ impl Window {
     }
 
     fn factorise(&mut self, damping: f64, report: &mut SolveReport) -> Result<(), NotPositiveDefinite> {
+        self.columns_behind = self.columns_behind.min(self.dirty);
         let nodes = self.nodes.make_contiguous();
         for index in self.dirty..nodes.len() {
             let (before, rest) = nodes.split_at_mut(index);
-            let (node, before) = (&mut rest[0], before.last());
-            wide(|| node.link.sweep(before.map(|node| &node.link), damping))?;
-            let before = before.map_or(Before::Prior(&self.column_prior), |earlier| {
-                Before::Link(&earlier.columns, &earlier.link, node.t - earlier.t)
-            });
-            wide(|| node.columns.sweep(&node.link, &node.slopes, before));
+            wide(|| rest[0].link.sweep(before.last().map(|node| &node.link), damping))?;
             report.swept += 1;
         }
         Ok(())
@@ -371,7 +371,21 @@ impl Window {
         }
     }
 
-    /// What each memory says of a sensor's time offset.
+    /// Brings the time offsets' columns to the last solve.
+    pub fn sweep_columns(&mut self) {
+        let nodes = self.nodes.make_contiguous();
+        for index in self.columns_behind..nodes.len() {
+            let (before, rest) = nodes.split_at_mut(index);
+            let Node { t, rows, link, columns, .. } = &mut rest[0];
+            let before = before.last().map_or(Before::Prior(&self.column_prior), |earlier| {
+                Before::Link(&earlier.columns, &earlier.link, *t - earlier.t)
+            });
+            wide(|| columns.sweep(link, &rows.assemble_slopes(), before));
+        }
+        self.columns_behind = nodes.len();
+    }
+
+    /// What each memory says of a sensor's time offset, as of [`Window::sweep_columns`].
     pub fn time_offset(&self, sensor: usize) -> [OffsetScore; TERMS] {
         self.nodes.back().map_or([OffsetScore::default(); TERMS], |newest| newest.columns.of(sensor))
     }
