@@ -18,7 +18,7 @@
 use shared_types::{AIDING, Duration, TimeOffset};
 
 use crate::columns::{OffsetScore, TERMS, fadings};
-use crate::innovation::Innovation;
+use nav_models::innovation::Innovation;
 
 /// Standard deviations at which stamps are moved for the first time. Chance does that to one of five good sensors with two
 /// memories once in some hundred hours.
@@ -199,7 +199,7 @@ impl OffsetScore {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::innovation::Innovation;
+    use nav_models::innovation::Innovation;
 
     const SECOND: Duration = Duration(1_000_000_000);
     const DVL: usize = 2;
