@@ -95,6 +95,21 @@ impl Ties {
         self.counts[sensor.index()].rejected[reason.index()] += 1;
     }
 
+    /// Puts the readings that were taken up to `t` first, in their order, and says how many they are.
+    pub fn sort_out(&self, pending: &mut [Pending], t: Time) -> usize {
+        let is_later = |(measurement, _): &Pending| {
+            place(measurement).is_some_and(|place| measurement.t_valid() - self.offsets.of(place) > t)
+        };
+        let mut ready = 0;
+        for index in 0..pending.len() {
+            if !is_later(&pending[index]) {
+                pending[ready..=index].rotate_right(1);
+                ready += 1;
+            }
+        }
+        ready
+    }
+
     /// Ties every pending reading to its keyframe, in order; ranges of one epoch and keyframe together.
     pub fn tie_all(
         &mut self,
@@ -260,6 +275,7 @@ impl Ties {
             passed_any |= passes;
             let refused = is_gated && !passes && !admits;
             let weight = candidate.innovation.first_weight(candidate.factor.kernel);
+            offsets.observe(candidate.factor.place(), &candidate.innovation, components, weight);
             candidate.rows.as_mut_slice().iter_mut().for_each(|row| row.weight = weight);
             list_candidate(report, candidate, weight, refused);
             if refused {
