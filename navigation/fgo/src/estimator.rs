@@ -232,8 +232,10 @@ impl FgoEstimator {
             covariance_before: &self.newest_covariance,
             covariance_newest: &covariance,
         };
-        self.ties.tie_all(&self.pending, window, &closing, &mut self.report);
-        self.pending.clear();
+        // A stamp that is taken to be early may put its reading behind this keyframe: it waits for the next.
+        let ready = self.ties.sort_out(&mut self.pending, t);
+        self.ties.tie_all(&self.pending[..ready], window, &closing, &mut self.report);
+        self.pending.drain(..ready);
         self.report.cost[0] = window.cost();
 
         let max_passes = match effort {

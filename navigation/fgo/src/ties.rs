@@ -108,6 +108,21 @@ impl Ties {
         self.counts[sensor.index()].rejected[reason.index()] += 1;
     }
 
+    /// Puts the readings that were taken up to `t` first, in their order, and says how many they are.
+    pub fn sort_out(&self, pending: &mut [Pending], t: Time) -> usize {
+        let is_later = |(measurement, _): &Pending| {
+            place(measurement).is_some_and(|place| measurement.t_valid() - self.offsets.of(place) > t)
+        };
+        let mut ready = 0;
+        for index in 0..pending.len() {
+            if !is_later(&pending[index]) {
+                pending[ready..=index].rotate_right(1);
+                ready += 1;
+            }
+        }
+        ready
+    }
+
     /// Ties every pending reading to its keyframe, in order; ranges of one epoch and keyframe together.
     pub fn tie_all(
         &mut self,
@@ -228,10 +243,12 @@ impl Ties {
         let (offsets, counts) = (&mut self.offsets, &mut self.counts[sensor.index()]);
         let mut t_newest = Time::MIN;
         self.judges.judge(sensor, config, shares_offset, t, &mut self.epoch, |candidate, verdict| {
+            let (place, components) = (candidate.factor.place(), candidate.factor.components());
+            offsets.observe(place, &candidate.innovation, components, verdict.weight);
             list_candidate(report, candidate, verdict.weight, verdict.refused);
             if verdict.refused {
                 counts.rejected[RejectReason::Gated.index()] += 1;
-                offsets.observe_refused(candidate.factor.place(), &candidate.innovation, verdict.weight);
+                offsets.observe_refused(place, &candidate.innovation, verdict.weight);
             } else {
                 counts.used += 1;
                 t_newest = t_newest.max(candidate.factor.t);
