@@ -25,7 +25,8 @@ use shared_types::{
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
-use crate::recovery::{SUSPICIOUS_EPOCHS, loosening};
+use crate::realignment::Realignment;
+use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes};
 use crate::rows::DIM;
 use crate::smoother::Smoothed;
 use crate::ties::{Closing, Pending, Ties, place};
@@ -50,6 +51,7 @@ pub struct FgoEstimator {
     open: OpenInterval,
     pending: Vec<Pending>,
     ties: Ties,
+    realignment: Realignment,
     newest_covariance: Block<DIM>,
     solutions: u64,
     report: KeyframeReport,
@@ -70,6 +72,7 @@ impl FgoEstimator {
             open: OpenInterval::with_capacity(INTERVAL_SAMPLES),
             pending: Vec::with_capacity(256),
             ties: Ties::new(config),
+            realignment: Realignment::default(),
             newest_covariance: Block::zeros(),
             solutions: 0,
             report: KeyframeReport::empty(),
@@ -212,16 +215,30 @@ impl FgoEstimator {
             (count, Some(since)) if count >= SUSPICIOUS_EPOCHS => {
                 loosening(&self.pending, t, &predicted, height_sigma, t - since, &self.config)
             }
-            _ => None,
+            _ => loosening_by_fixes(&self.pending, &predicted, t, self.ties.fixes_improbable()),
         };
-        let mut increment = whole;
-        if let Some(loosening) = &loosened {
-            loosening.apply(&mut increment);
+        let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };
+        if !predicted.is_finite() {
+            return Err(singular);
         }
-        let covariance = predict_covariance(&self.newest_covariance, &before, &increment, window.world());
-        if !predicted.is_finite() || window.append(t, &predicted, whole, loosened).is_err() {
-            return Err(EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" });
-        }
+        let covariance = match &loosened {
+            Some(loosening) if self.realignment.is_due(t) => {
+                self.ties.begin_anew();
+                let noise = &self.config.vehicle.imu;
+                let (first, covariance) =
+                    self.realignment.begin(&predicted, loosening, height_sigma, &whole.increment, noise);
+                window.start(t, &first, &covariance).map_err(|_| singular)?;
+                covariance
+            }
+            _ => {
+                let mut increment = whole;
+                if let Some(loosening) = &loosened {
+                    loosening.apply(&mut increment);
+                }
+                window.append(t, &predicted, whole, loosened).map_err(|_| singular)?;
+                predict_covariance(&self.newest_covariance, &before, &increment, window.world())
+            }
+        };
 
         self.report = KeyframeReport::empty();
         let closing = Closing {
@@ -263,7 +280,12 @@ impl FgoEstimator {
                 ..again
             };
         }
+        let is_aligned = !self.realignment.is_searching()
+            || self.realignment.search(window, self.config.navigator.fgo.window, &self.history, &self.imu);
         self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
+        if let Some(newest) = window.nodes().back() {
+            self.realignment.cover(&newest.state, &mut self.newest_covariance);
+        }
         for (sensor, term, variance) in self.ties.offsets.to_cover() {
             let by_offset = window.state_by_offset(sensor, term);
             self.newest_covariance += by_offset * by_offset.transpose() * variance;
@@ -276,7 +298,7 @@ impl FgoEstimator {
         if effort == Effort::Hold {
             return Ok(None);
         }
-        Ok(Some(self.solution(t, solve, loosened.is_some())))
+        Ok(Some(self.solution(t, solve, loosened.is_some() || !is_aligned)))
     }
 
     /// The newest keyframe as a message; also completes the report.

@@ -10,6 +10,7 @@
 //! | `factor.rs` | what does one measurement say, whitened? |
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
+//! | `realignment.rs` | what if the heading itself is wrong? |
 //! | `columns.rs`, `time_offsets.rs` | are a sensor's stamps right? |
 //! | `chain.rs` | the block-tridiagonal solve |
 //!
@@ -23,6 +24,7 @@ mod estimator;
 mod factor;
 mod interval;
 mod node;
+mod realignment;
 mod rows;
 mod smoother;
 mod ties;

@@ -112,6 +112,11 @@ impl Interval {
         Ok(())
     }
 
+    /// What the samples add up to; `None` while this is the newest keyframe.
+    pub fn increment(&self) -> Option<&Preintegration> {
+        self.closed.as_ref().map(|closed| &closed.factor.preintegration)
+    }
+
     /// Whether these biases are too far from those of the preintegration for its first-order correction.
     pub fn needs_reintegration(&self, state: &NavState) -> bool {
         self.closed

@@ -14,6 +14,7 @@ use std::collections::VecDeque;
 use nav_geometry::so3;
 use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState};
+use nav_models::transport::transport;
 use nav_models::wide;
 use nav_models::world::WorldModel;
 use shared_types::{Duration, FgoConfig, Time};
@@ -452,6 +453,35 @@ impl Window {
         }
         self.prior = prior;
         self.relinearise(true, history, imu);
+    }
+
+    /// Puts the oldest keyframe to `first` with nothing before it but `covariance`, and carries the others from there through
+    /// the samples; the next solve is over the whole window.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`]: the covariance is not one; the window is left as it was.
+    pub fn begin_at(
+        &mut self,
+        first: &NavState,
+        covariance: &Block<DIM>,
+        history: &ImuHistory,
+        imu: &ImuModel,
+    ) -> Result<(), NotPositiveDefinite> {
+        let information = inverse_from_cholesky(&cholesky(covariance)?);
+        self.prior = Marginal { information, right: BlockVector::zeros() };
+        self.prior_is_marginal = false;
+        self.column_prior = ColumnPrior::default();
+        let mut state = *first;
+        for node in &mut self.nodes {
+            node.linearised = state;
+            node.delta = BlockVector::zeros();
+            node.state = state;
+            if let Some(increment) = node.interval.increment() {
+                state = transport(&state, increment, &self.world);
+            }
+        }
+        self.relinearise(true, history, imu);
+        Ok(())
     }
 
     /// Factorises every link; `false` where the matrix is singular.
