@@ -131,6 +131,36 @@ pub enum LogError {
         /// Where the position belongs.
         buoys: PathBuf,
     },
+    /// A trajectory file without a pose.
+    #[error("{}: there is no pose in the file (expected lines `{expected}`)", file.display())]
+    NoPoses {
+        /// Which file.
+        file: PathBuf,
+        /// What a line holds.
+        expected: &'static str,
+    },
+    /// A line of a trajectory file that has not the numbers of a pose.
+    #[error("{}:{line}: the line has {found} numbers where a pose has eight, separated by blanks: `{expected}`", file.display())]
+    PoseCells {
+        /// Which file.
+        file: PathBuf,
+        /// From 1.
+        line: u64,
+        /// Numbers.
+        found: usize,
+        /// What a line holds.
+        expected: &'static str,
+    },
+    /// Four numbers that are no rotation.
+    #[error("{}:{line}: the quaternion has the length {norm:.3}, so that it is no rotation; a TUM file holds unit quaternions in the order qx qy qz qw", file.display())]
+    BadQuaternion {
+        /// Which file.
+        file: PathBuf,
+        /// From 1.
+        line: u64,
+        /// Its length; 1 for a rotation.
+        norm: f64,
+    },
     /// A folder that already holds a log; two logs in one would be read as one.
     #[error("{} exists: the folder already holds a log (choose another `--out` or delete it)", file.display())]
     LogExists {

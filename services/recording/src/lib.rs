@@ -4,7 +4,7 @@
 //! log directory --> LogDirectory --> LogReader (one file) | MergedLog (all sensors in one order)
 //! readings      --> LogWriter    --> log directory
 //! estimates     --> EstimateWriter --> estimate.csv, estimate.tum;  Summary --> summary.json
-//! estimate.csv  --> read_estimates
+//! estimate.csv  --> read_estimates;  any .tum --> read_tum
 //! ```
 //!
 //! Every reader streams: a log of a day takes no more memory than one of a minute. Every error names file, line, column
@@ -24,6 +24,7 @@ mod rows;
 mod summary;
 mod table;
 mod text_file;
+mod tum_reader;
 
 pub use checkpoint::{CheckpointError, read_checkpoint, write_checkpoint};
 pub use directory::LogDirectory;
@@ -35,3 +36,4 @@ pub use merged::MergedLog;
 pub use reader::{BuoyReader, LblReader, LogReader, read_truth};
 pub use rows::LogRow;
 pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};
+pub use tum_reader::{TumRow, read_tum};

@@ -29,6 +29,28 @@ pub enum ReplayError {
         /// The truth.
         truth: PathBuf,
     },
+    /// Two trajectories of which no poses are near in time.
+    #[error("{} and {} have no poses within {max_difference_s} s of each other: {estimate_span} against {truth_span} (one clock? `--max-difference` widens the limit)", estimate.display(), truth.display())]
+    NoCommonPoses {
+        /// The trajectory.
+        estimate: PathBuf,
+        /// The reference.
+        truth: PathBuf,
+        /// The limit.
+        max_difference_s: f64,
+        /// First and last time.
+        estimate_span: String,
+        /// First and last time.
+        truth_span: String,
+    },
+    /// A path too short for the stretches asked for.
+    #[error("{}: the path is shorter than a stretch of {length} m, or the truth has no attitude: no relative error (leave `--rpe` out, or ask for shorter ones)", estimate.display())]
+    NoStretches {
+        /// The trajectory.
+        estimate: PathBuf,
+        /// m.
+        length: f64,
+    },
     /// An estimate file without rows, of which there is no picture.
     #[error("{}: no row follows the header; there is nothing to draw", file.display())]
     NoEstimates {

@@ -3,7 +3,7 @@
 //! ```text
 //! ilns replay  log directory -> estimate.csv, estimate.tum, summary.json
 //! ilns smooth  log directory -> the same, each estimate with what came after it
-//! ilns score   estimate.csv, truth.csv -> error statistics
+//! ilns score   estimate.csv, truth.csv -> error statistics; any trajectory in TUM format -> ATE, RPE
 //! ilns plot    estimate.csv, truth.csv -> picture.svg
 //! ```
 
@@ -20,6 +20,7 @@ pub mod score;
 pub mod smooth;
 mod svg;
 mod thinned;
+mod trajectory;
 
 pub use args::ReplayArgs;
 pub use error::ReplayError;
@@ -28,3 +29,4 @@ pub use plot::PlotArgs;
 pub use progress::Progress;
 pub use score::ScoreArgs;
 pub use smooth::SmoothArgs;
+pub use trajectory::{Alignment, TrajectoryArgs, TrajectoryScore, score_trajectory};
