@@ -16,9 +16,12 @@ mod directory;
 mod error;
 mod estimate_reader;
 mod estimate_writer;
+mod foreign;
+mod kaist;
 mod lines;
 mod log_writer;
 mod merged;
+mod oxts;
 mod reader;
 mod rows;
 mod summary;
@@ -31,8 +34,14 @@ pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};
 pub use estimate_writer::{ESTIMATE_FILES, EstimateWriter};
+pub use foreign::ForeignRows;
+pub use kaist::{
+    KaistEncoder, KaistMounting, kaist_altimeter, kaist_encoder, kaist_encoder_parameters, kaist_global_pose,
+    kaist_gps, kaist_imu, kaist_mounting, kaist_vrs,
+};
 pub use log_writer::{LogWriter, LogWriterOptions};
 pub use merged::MergedLog;
+pub use oxts::{OxtsDrive, OxtsSample, read_oxts};
 pub use reader::{BuoyReader, LblReader, LogReader, read_truth};
 pub use rows::LogRow;
 pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};

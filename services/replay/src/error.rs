@@ -51,6 +51,20 @@ pub enum ReplayError {
         /// m.
         length: f64,
     },
+    /// Inertial data too slow to navigate by.
+    #[error("{}: a sample every {period_s} s is no inertial navigation (take the `_extract` of the drive, 100 Hz, not the `_sync`)", dir.display())]
+    SlowImu {
+        /// The drive.
+        dir: PathBuf,
+        /// Median.
+        period_s: f64,
+    },
+    /// A sequence without a position to simulate ranges from.
+    #[error("{}: vrs_gps.csv has no fixed position (fix state 4) within the time of xsens_imu.csv, so that there is nothing to simulate ranges from", dir.display())]
+    NothingToRangeFrom {
+        /// The sequence.
+        dir: PathBuf,
+    },
     /// An estimate file without rows, of which there is no picture.
     #[error("{}: no row follows the header; there is nothing to draw", file.display())]
     NoEstimates {

@@ -4,12 +4,14 @@
 //! ilns replay  log directory -> estimate.csv, estimate.tum, summary.json
 //! ilns smooth  log directory -> the same, each estimate with what came after it
 //! ilns score   estimate.csv, truth.csv -> error statistics; any trajectory in TUM format -> ATE, RPE
+//! ilns convert a public data set -> log directory
 //! ilns plot    estimate.csv, truth.csv -> picture.svg
 //! ```
 
 mod args;
 mod background;
 mod chart;
+pub mod convert;
 mod error;
 mod origin;
 mod output;
@@ -23,6 +25,7 @@ mod thinned;
 mod trajectory;
 
 pub use args::ReplayArgs;
+pub use convert::ConvertArgs;
 pub use error::ReplayError;
 pub use output::{ReplayOutput, RunFacts};
 pub use plot::PlotArgs;
