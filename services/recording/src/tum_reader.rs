@@ -117,16 +117,12 @@ mod tests {
     #[test]
     fn comments_blank_lines_tabs_and_exponents_are_taken_as_they_come() {
         let rows =
-            read("# t x y z qx qy qz qw\n\n1.5 1 2 3 0 0 0 1\n1.600000000e+00\t-1 2 3.5e0 0 0 0.6 0.8\r\n")
-                .unwrap();
+            read("# t x y z qx qy qz qw\n\n1.5 1 2 3 0 0 0 1\n1.600000000e+00\t-1 2 3.5e0 0 0 0.6 0.8\r\n").unwrap();
         assert_eq!(
             rows[0],
             TumRow { t: Time(1_500_000_000), position: [1.0, 2.0, 3.0], quaternion: [1.0, 0.0, 0.0, 0.0] }
         );
-        assert_eq!(
-            (rows[1].t, rows[1].position, rows[1].quaternion[3]),
-            (Time(1_600_000_000), [-1.0, 2.0, 3.5], 0.6)
-        );
+        assert_eq!((rows[1].t, rows[1].position, rows[1].quaternion[3]), (Time(1_600_000_000), [-1.0, 2.0, 3.5], 0.6));
     }
 
     #[test]

@@ -13,6 +13,7 @@ mod background;
 mod chart;
 pub mod convert;
 mod error;
+pub mod figure;
 mod origin;
 mod output;
 pub mod plot;
