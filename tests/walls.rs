@@ -9,15 +9,20 @@ use std::path::Path;
 /// Crate, what it may use, what it must never reach.
 type Row = (&'static str, &'static [&'static str], &'static [&'static str]);
 
-const ESTIMATORS: [&str; 2] = ["nav-fgo", "nav-pipeline"];
+const ESTIMATORS: [&str; 3] = ["nav-fgo", "nav-kalman", "nav-pipeline"];
 
 const TABLE: &[Row] = &[
     ("shared-types", &[], &["nalgebra"]),
     ("nav-geometry", &[], &["shared-types"]),
     ("nav-models", &["nav-geometry", "shared-types"], &["faer", "nav-fgo"]),
     ("nav-preprocessing", &["nav-geometry", "shared-types"], &["nav-models"]),
-    ("nav-fgo", &["nav-models"], &["nav-preprocessing"]),
-    ("nav-pipeline", &["nav-preprocessing", "nav-fgo", "nav-models"], &["ilns-recording", "ilns-runtime"]),
+    ("nav-fgo", &["nav-models"], &["nav-preprocessing", "nav-kalman"]),
+    ("nav-kalman", &["nav-models"], &["nav-preprocessing", "nav-fgo", "faer"]),
+    (
+        "nav-pipeline",
+        &["nav-preprocessing", "nav-fgo", "nav-kalman", "nav-models"],
+        &["ilns-recording", "ilns-runtime"],
+    ),
     ("nav-evaluation", &["nav-geometry", "shared-types"], &["nav-models", "nav-fgo", "nav-pipeline"]),
     ("ilns-bus", &["shared-types"], &["ilns-runtime", "nav-geometry"]),
     ("ilns-runtime", &["shared-types"], &["nav-geometry", "nav-models", "ilns-bus"]),

@@ -128,7 +128,8 @@ impl Config {
         let by_set =
             |error: toml::de::Error| ConfigError::Set { text: sets.join(" "), message: error.message().to_owned() };
         let vehicle: vehicle::Sections = vehicle_table.try_into().map_err(by_set)?;
-        let navigator: navigator::Sections = navigator_table.try_into().map_err(by_set)?;
+        let mut navigator: navigator::Sections = navigator_table.try_into().map_err(by_set)?;
+        navigator.settle();
         let blame = |problem: Problem| blame(problem, files, sets);
         Ok(Config {
             vehicle: Vehicle::try_from(&vehicle).map_err(blame)?,
@@ -423,6 +424,18 @@ mod tests {
         assert_eq!(load(&config.to_toml(), &[]).expect("valid"), config);
         let default = Config::default();
         assert_eq!(load(&default.to_toml(), &[]).expect("valid").navigator, default.navigator);
+    }
+
+    #[test]
+    fn a_filter_ties_no_reading_and_says_so() {
+        let config = load("", &["estimator=ekf"]).expect("valid");
+        assert_eq!(config.navigator.keyframes.anchor, AnchorMethod::AtOnce);
+        assert!(config.to_toml().contains("anchor = \"at_once\""));
+        assert_eq!(load(&config.to_toml(), &[]).expect("its own words"), config);
+        let error = load("", &["estimator=fkf", "keyframes.anchor=pf"]).expect_err("a filter has no keyframes");
+        assert!(error.to_string().contains("keyframes.anchor: it is pf; it must be at_once"), "{error}");
+        let error = load("[keyframes]\nanchor = \"at_once\"\n", &[]).expect_err("a smoother has");
+        assert!(error.to_string().contains("fbpf, fpf or pf"), "{error}");
     }
 
     #[test]

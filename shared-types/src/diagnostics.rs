@@ -5,6 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use crate::header::Header;
 use crate::layout::message;
+use crate::reject::RejectReason;
+use crate::time::Time;
 
 /// Factors that one report holds; further ones are counted, not listed.
 pub const FACTORS_MAX: usize = 40;
@@ -53,5 +55,39 @@ message! {
         factors_left_out: u32,
         /// The factors.
         factors: [FactorReport; FACTORS_MAX],
+    }
+}
+
+impl KeyframeReport {
+    /// Of a keyframe that holds nothing yet.
+    pub fn empty() -> KeyframeReport {
+        KeyframeReport {
+            header: Header::default(),
+            solution: 0,
+            t_keyframe: 0,
+            cost: [0.0; 2],
+            iterations: 0,
+            keyframes: 0,
+            factor_count: 0,
+            factors_left_out: 0,
+            factors: [FactorReport::default(); FACTORS_MAX],
+        }
+    }
+
+    /// Lists a factor, or counts it where the list is full.
+    pub fn list(&mut self, factor: FactorReport) {
+        match self.factors.get_mut(self.factor_count as usize) {
+            Some(place) => {
+                *place = factor;
+                self.factor_count += 1;
+            }
+            None => self.factors_left_out += 1,
+        }
+    }
+
+    /// Lists a reading that was refused before it could be judged.
+    pub fn list_refused(&mut self, t: Time, kind: u32, reason: RejectReason) {
+        let refused = 1 + reason as u32;
+        self.list(FactorReport { t_valid: t.0, sensor: kind, refused, ..FactorReport::default() });
     }
 }

@@ -31,8 +31,8 @@ pub use header::{Header, Message, Payload};
 pub use health::{Heartbeat, HopLatency, Process, ProcessState, SensorHealth};
 pub use measurement::{KeyframeCause, Measurement, MeasurementError, Reading};
 pub use navigator::{
-    AnchorMethod, EstimatorKind, FgoConfig, ImuGateConfig, Kernel, KeyframeConfig, Navigator, PropagatorConfig,
-    SensorConfig, TimeOffset,
+    AnchorMethod, EstimatorKind, FgoConfig, ImuGateConfig, KalmanConfig, Kernel, KeyframeConfig, Navigator,
+    PropagatorConfig, SensorConfig, TimeOffset,
 };
 pub use readings::{
     BuoyFix, DvlVelocity, FrameOrigin, GnssFix, ImuSample, LblRange, McpHeading, PsDepth, RawReading, Truth,

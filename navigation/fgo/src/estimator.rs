@@ -9,22 +9,22 @@
 //!
 //! §4.1 of the method. Before the first state the [`Initialiser`] listens instead.
 
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::Vector3;
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
 use nav_models::initialisation::Initialiser;
+use nav_models::prediction::predict_covariance;
 use nav_models::preintegration::{ImuPoint, Preintegration};
 use nav_models::state::NavState;
-use nav_models::transport::{transport, transport_jacobians};
-use nav_models::wide;
+use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
-    AIDING, Config, Duration, FACTORS_MAX, FactorReport, Header, KeyframeReport, Measurement, NavEstimate, Reading,
-    RejectReason, Sensor, SensorCounts, Solution, SolutionStatus, Time,
+    AIDING, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason, Sensor,
+    SensorCounts, Solution, SolutionStatus, Time,
 };
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
-use crate::kernels::{Block, add_product_transposed};
+use crate::kernels::Block;
 use crate::recovery::{SUSPICIOUS_EPOCHS, loosening};
 use crate::rows::DIM;
 use crate::smoother::Smoothed;
@@ -72,7 +72,7 @@ impl FgoEstimator {
             ties: Ties::new(config),
             newest_covariance: Block::zeros(),
             solutions: 0,
-            report: empty_report(),
+            report: KeyframeReport::empty(),
             is_started: false,
             t_resumed: Time::MIN,
         }
@@ -178,7 +178,7 @@ impl FgoEstimator {
             }
         }
         self.history.forget_before(t);
-        self.report = empty_report();
+        self.report = KeyframeReport::empty();
         Ok(Some(self.solution(t, SolveReport { converged: true, ..SolveReport::default() }, false)))
     }
 
@@ -223,7 +223,7 @@ impl FgoEstimator {
             return Err(EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" });
         }
 
-        self.report = empty_report();
+        self.report = KeyframeReport::empty();
         let closing = Closing {
             open: &self.open,
             whole: &whole,
@@ -232,8 +232,10 @@ impl FgoEstimator {
             covariance_before: &self.newest_covariance,
             covariance_newest: &covariance,
         };
-        self.ties.tie_all(&self.pending, window, &closing, &mut self.report);
-        self.pending.clear();
+        // A stamp that is taken to be early may put its reading behind this keyframe: it waits for the next.
+        let ready = self.ties.sort_out(&mut self.pending, t);
+        self.ties.tie_all(&self.pending[..ready], window, &closing, &mut self.report);
+        self.pending.drain(..ready);
         self.report.cost[0] = window.cost();
 
         let max_passes = match effort {
@@ -374,45 +376,6 @@ fn bridge_to_history(window: &Window, history: &mut ImuHistory, t_keyframe: Time
     debug_assert!(!window.nodes().is_empty(), "a started window holds a keyframe");
     if history.oldest().is_some_and(|oldest| oldest > t_keyframe) {
         history.hold_back_to(t_keyframe);
-    }
-}
-
-/// C_n⁻ = F C Fᵀ + Q with F = [T_j; 0 I] and Q = [L P9 Lᵀ, L P96; ·, walk].
-fn predict_covariance(
-    covariance: &Block<DIM>,
-    from: &NavState,
-    increment: &Preintegration,
-    world: &WorldModel,
-) -> Block<DIM> {
-    let jacobians = transport_jacobians(from, increment, world);
-    let mut f = Block::<DIM>::identity();
-    f.fixed_rows_mut::<9>(0).copy_from(&jacobians.state);
-    let mut g = Block::<DIM>::identity();
-    g.fixed_view_mut::<9, 9>(0, 0).copy_from(&jacobians.increment);
-    let mut predicted = Block::<DIM>::zeros();
-    let noise = increment.covariance();
-    wide(|| {
-        for (outer, inner) in [(&f, covariance), (&g, &noise)] {
-            let mut half = SMatrix::<f64, DIM, DIM>::zeros();
-            // outer · inner, inner being symmetric.
-            add_product_transposed(&mut half, outer, inner, 1.0);
-            add_product_transposed(&mut predicted, &half, outer, 1.0);
-        }
-    });
-    predicted
-}
-
-fn empty_report() -> KeyframeReport {
-    KeyframeReport {
-        header: Header::default(),
-        solution: 0,
-        t_keyframe: 0,
-        cost: [0.0; 2],
-        iterations: 0,
-        keyframes: 0,
-        factor_count: 0,
-        factors_left_out: 0,
-        factors: [FactorReport::default(); FACTORS_MAX],
     }
 }
 

@@ -3,34 +3,17 @@
 //! `models` says what a sensor sees and how a keyframe's state is carried to the reading's own time; here the two meet,
 //! are whitened once (the inflated covariance is frozen after the first evaluation, §3.1 of the method) and become rows.
 
-use nalgebra::{Cholesky, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 use nav_models::anchored::{Anchored, SensorModel};
 use nav_models::preintegration::{ImuPoint, Increment, Piece};
-use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
+pub use nav_models::row::MeasuredRows;
+use nav_models::row::{ROWS_MAX, Unusable, inverse_root};
+pub use nav_models::sensors::Model;
 use nav_models::state::NavState;
 use nav_models::world::WorldModel;
 use shared_types::{Kernel, Sensor, Time};
 
-use crate::kernels::BlockVector;
-use crate::rows::{DIM, Group, Row, Rows};
-
-/// Rows of the largest measurement.
-pub const ROWS_MAX: usize = 3;
-
-/// What was measured.
-#[derive(Clone, Copy, Debug)]
-pub enum Model {
-    /// One slant range.
-    Lbl(LblModel),
-    /// Antenna position.
-    Gnss(GnssModel),
-    /// Velocity of the DVL.
-    Dvl(DvlModel),
-    /// Heading.
-    Mcp(McpModel),
-    /// Depth.
-    Ps(PsModel),
-}
+use crate::rows::{Group, Rows};
 
 /// One measurement tied to a keyframe.
 #[derive(Clone, Copy, Debug)]
@@ -64,37 +47,6 @@ pub struct Stamp {
     pub sigma: f64,
 }
 
-/// A covariance that cannot be inverted, or a prediction that is not a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Unusable;
-
-/// A measurement's rows, at most [`ROWS_MAX`] of them.
-#[derive(Clone, Copy, Debug)]
-pub struct MeasuredRows {
-    rows: [Row; ROWS_MAX],
-    count: usize,
-}
-
-impl MeasuredRows {
-    /// The rows in use.
-    pub fn as_slice(&self) -> &[Row] {
-        &self.rows[..self.count]
-    }
-
-    /// The rows in use.
-    pub fn as_mut_slice(&mut self) -> &mut [Row] {
-        &mut self.rows[..self.count]
-    }
-}
-
-const NO_ROW: Row = Row {
-    jacobian: BlockVector::<DIM>::from_array_storage(nalgebra::ArrayStorage([[0.0; DIM]])),
-    residual: 0.0,
-    inverse_sigma: 0.0,
-    weight: 1.0,
-    slope: 0.0,
-};
-
 impl Factor {
     /// A measurement at `t`.
     pub fn new(t: Time, model: Model, increment: Option<Increment>, kernel: Kernel) -> Factor {
@@ -120,24 +72,12 @@ impl Factor {
 
     /// Whose measurement.
     pub fn sensor(&self) -> Sensor {
-        match self.model {
-            Model::Lbl(_) => Sensor::Lbl,
-            Model::Gnss(_) => Sensor::Gnss,
-            Model::Dvl(_) => Sensor::Dvl,
-            Model::Mcp(_) => Sensor::Mcp,
-            Model::Ps(_) => Sensor::Ps,
-        }
+        self.model.sensor()
     }
 
     /// Place of that sensor in [`shared_types::AIDING`].
     pub fn place(&self) -> usize {
-        match self.model {
-            Model::Lbl(_) => 0,
-            Model::Gnss(_) => 1,
-            Model::Dvl(_) => 2,
-            Model::Mcp(_) => 3,
-            Model::Ps(_) => 4,
-        }
+        self.model.place()
     }
 
     /// Whether it shares an offset with other ranges.
@@ -147,11 +87,7 @@ impl Factor {
 
     /// Degrees of freedom of a test on it.
     pub fn components(&self) -> usize {
-        match &self.model {
-            Model::Gnss(model) => model.components(),
-            Model::Dvl(_) => 3,
-            Model::Lbl(_) | Model::Mcp(_) | Model::Ps(_) => 1,
-        }
+        self.model.components()
     }
 
     /// Whitens it by its own noise and that of `piece`, from its keyframe to its time (`None` at the keyframe itself), for
@@ -235,19 +171,7 @@ impl Factor {
 
     fn whitened<const ROWS: usize>(&self, anchored: &Anchored<ROWS>) -> Result<MeasuredRows, Unusable> {
         let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
-        let residual: SVector<f64, ROWS> = whitening * anchored.residual;
-        let jacobian: SMatrix<f64, ROWS, DIM> = whitening * anchored.jacobian;
-        if !residual.iter().chain(jacobian.iter()).chain(self.slope.iter()).all(|x| x.is_finite()) {
-            return Err(Unusable);
-        }
-        let mut measured = MeasuredRows { rows: [NO_ROW; ROWS_MAX], count: ROWS };
-        for (index, row) in measured.rows[..ROWS].iter_mut().enumerate() {
-            row.jacobian = jacobian.row(index).transpose();
-            row.residual = residual[index];
-            row.inverse_sigma = whitening[(index, index)];
-            row.slope = self.slope[index];
-        }
-        Ok(measured)
+        MeasuredRows::whitened(anchored, &whitening, &self.slope.fixed_rows::<ROWS>(0).into_owned())
     }
 
     /// Evaluates the first group of `factors` anew and appends its rows. Returns how many factors the group has.
@@ -279,20 +203,15 @@ impl Factor {
     }
 }
 
-/// L⁻¹ with Λ = LLᵀ.
-fn inverse_root<const ROWS: usize>(covariance: &SMatrix<f64, ROWS, ROWS>) -> Option<SMatrix<f64, ROWS, ROWS>> {
-    let l = Cholesky::new(*covariance)?.l();
-    let mut inverse = SMatrix::<f64, ROWS, ROWS>::identity();
-    l.solve_lower_triangular_mut(&mut inverse).then_some(inverse)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernels::Block;
+    use crate::kernels::{Block, BlockVector};
+    use crate::rows::DIM;
     use approx::assert_relative_eq;
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
     use nav_geometry::Geodetic;
+    use nav_models::sensors::LblModel;
     use shared_types::{Config, Lbl};
 
     /// The epoch of §8.6 of the method at x_k of §8.4: cost and normal matrix.

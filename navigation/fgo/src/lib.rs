@@ -9,23 +9,20 @@
 //! | `interval.rs` | which IMU samples lie between two keyframes, and what do they add up to? |
 //! | `factor.rs` | what does one measurement say, whitened? |
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
-//! | `innovation.rs`, `robust.rs` | how probable is it, how much does it count? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
-//! | `recovery.rs` | is it the state that is wrong, not the sensors? |
 //! | `columns.rs`, `time_offsets.rs` | are a sensor's stamps right? |
-//! | `chain.rs`, `kernels.rs` | the block-tridiagonal solve |
+//! | `chain.rs` | the block-tridiagonal solve |
+//!
+//! How probable a measurement is and how much it counts (`innovation`, `robust`, `judging`), and whether it is the state that
+//! is wrong (`recovery`), stands in `nav-models`: the filters ask the same.
 
 mod batch;
 pub mod chain;
 mod columns;
 mod estimator;
 mod factor;
-mod innovation;
 mod interval;
-pub mod kernels;
 mod node;
-mod recovery;
-mod robust;
 mod rows;
 mod smoother;
 mod ties;
@@ -34,4 +31,7 @@ mod window;
 
 pub use batch::BatchReport;
 pub use estimator::FgoEstimator;
+pub use nav_models::kernels;
 pub use smoother::{Smoothed, SmoothedKeyframe};
+
+use nav_models::{recovery, robust};

@@ -7,36 +7,12 @@
 //! `W = Σ⁻¹ − Σ⁻¹1 1ᵀΣ⁻¹ / (σ_d⁻² + 1ᵀΣ⁻¹1)` (§3.2 of the method): the sum over rows less a rank-one part.
 //! σ_d = 0 makes them single rows, σ_d = ∞ is identical to range differences against any reference buoy.
 
+pub use nav_models::row::Row;
+pub use nav_models::state::ERROR_DIM as DIM;
 use shared_types::{AIDING, Kernel};
 
-use crate::kernels::{Block, BlockVector, dot};
+use crate::kernels::{Block, BlockVector};
 use crate::robust::{Losses, weight};
-
-/// Error coordinates of a keyframe.
-pub const DIM: usize = 15;
-
-/// One whitened row.
-#[derive(Clone, Copy, Debug)]
-pub struct Row {
-    /// ∂r/∂δ over σ.
-    pub jacobian: BlockVector<DIM>,
-    /// r over σ, at the linearisation point.
-    pub residual: f64,
-    /// 1/σ: needed where rows share an offset.
-    pub inverse_sigma: f64,
-    /// Robust weight in use.
-    pub weight: f64,
-    /// ∂r/∂τ over σ, τ being how much too late its stamp is: minus the residual's own rate, 1/s.
-    pub slope: f64,
-}
-
-impl Row {
-    /// r̃ after a step δ.
-    #[inline(always)]
-    pub fn after(&self, delta: &BlockVector<DIM>) -> f64 {
-        self.residual + dot(&self.jacobian, delta)
-    }
-}
 
 /// Rows that are weighted together or share an offset.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,29 +1,26 @@
 //! From readings of the closing interval to factors on its keyframes: increments, gates, first weights, counts.
 
 use nalgebra::Vector3;
+use nav_models::innovation::Innovation;
+use nav_models::judging::{Candidate, EPOCH_MAX, Judges};
 use nav_models::preintegration::{Piece, Preintegration};
-use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
+use nav_models::recovery::Checked;
+use nav_models::row::Row;
+use nav_models::sensors::GyroAt;
 use shared_types::{
-    AIDING, Config, FACTORS_MAX, FactorReport, Kernel, KeyframeReport, Measurement, Reading, RejectReason, SENSORS,
-    Sensor, SensorCounts, Time,
+    AIDING, Config, FactorReport, Kernel, KeyframeReport, Measurement, Reading, RejectReason, SENSORS, Sensor,
+    SensorCounts, Time,
 };
 
 use crate::factor::{Factor, MeasuredRows, Model, Stamp};
-use crate::innovation::{Innovation, Refusals, median};
 use crate::interval::{ImuHistory, ImuModel, OpenInterval};
 use crate::kernels::Block;
-use crate::robust::{ImprobableShare, settle};
-use crate::rows::{DIM, Row};
+use crate::rows::DIM;
 use crate::time_offsets::TimeOffsets;
 use crate::window::Window;
 
-/// Ranges of one epoch; further ones are counted as too many.
-const EPOCH_MAX: usize = 32;
-/// With an unknown common offset the median of fewer ranges proves nothing (§3.3).
-const MEDIAN_MIN: usize = 3;
-
 /// A reading that waits for its keyframe.
-pub type Pending = (Measurement, Reading);
+pub type Pending = Checked;
 
 /// What tying needs to see of the interval that is being closed.
 pub struct Closing<'a> {
@@ -43,19 +40,36 @@ pub struct Closing<'a> {
 
 /// A factor that has been evaluated.
 #[derive(Clone, Copy, Debug)]
-struct Candidate {
+struct Evaluated {
     factor: Factor,
     rows: MeasuredRows,
     innovation: Innovation,
+}
+
+impl Candidate for Evaluated {
+    fn rows(&mut self) -> &mut [Row] {
+        self.rows.as_mut_slice()
+    }
+
+    fn innovation(&mut self) -> &mut Innovation {
+        &mut self.innovation
+    }
+
+    fn components(&self) -> usize {
+        self.factor.components()
+    }
+
+    fn kernel(&self) -> Kernel {
+        self.factor.kernel
+    }
 }
 
 /// What each sensor has been up to.
 #[derive(Clone, Debug)]
 pub struct Ties {
     config: Config,
-    shares: [ImprobableShare; SENSORS.len()],
-    refusals: [Refusals; SENSORS.len()],
-    epoch: Vec<Candidate>,
+    judges: Judges,
+    epoch: Vec<Evaluated>,
     epoch_factors: Vec<Factor>,
     epoch_rows: Vec<Row>,
     /// How late each sensor's stamps are.
@@ -73,8 +87,7 @@ impl Ties {
     pub fn new(config: &Config) -> Ties {
         Ties {
             config: config.clone(),
-            shares: [ImprobableShare::default(); SENSORS.len()],
-            refusals: [Refusals::default(); SENSORS.len()],
+            judges: Judges::default(),
             epoch: Vec::with_capacity(EPOCH_MAX),
             epoch_factors: Vec::with_capacity(EPOCH_MAX),
             epoch_rows: Vec::with_capacity(EPOCH_MAX),
@@ -87,12 +100,27 @@ impl Ties {
 
     /// Whole epochs of ranges refused in a row, and since when.
     pub fn epochs_refused(&self) -> (u32, Option<Time>) {
-        self.refusals[Sensor::Lbl.index()].run()
+        self.judges.epochs_refused()
     }
 
     /// Counts a refusal.
     pub fn refuse(&mut self, sensor: Sensor, reason: RejectReason) {
         self.counts[sensor.index()].rejected[reason.index()] += 1;
+    }
+
+    /// Puts the readings that were taken up to `t` first, in their order, and says how many they are.
+    pub fn sort_out(&self, pending: &mut [Pending], t: Time) -> usize {
+        let is_later = |(measurement, _): &Pending| {
+            place(measurement).is_some_and(|place| measurement.t_valid() - self.offsets.of(place) > t)
+        };
+        let mut ready = 0;
+        for index in 0..pending.len() {
+            if !is_later(&pending[index]) {
+                pending[ready..=index].rotate_right(1);
+                ready += 1;
+            }
+        }
+        ready
     }
 
     /// Ties every pending reading to its keyframe, in order; ranges of one epoch and keyframe together.
@@ -143,7 +171,7 @@ impl Ties {
                 Ok(candidate) => self.epoch.push(candidate),
                 Err(reason) => {
                     self.refuse(sensor, reason);
-                    list_refused(report, measurement, reason);
+                    report.list_refused(measurement.t_valid(), measurement.kind, reason);
                 }
             }
         }
@@ -174,7 +202,7 @@ impl Ties {
         index: usize,
         window: &Window,
         closing: &Closing<'_>,
-    ) -> Result<Candidate, RejectReason> {
+    ) -> Result<Evaluated, RejectReason> {
         let world = window.world();
         let vehicle = &self.config.vehicle;
         let place = place(measurement).ok_or(RejectReason::Malformed)?;
@@ -183,31 +211,16 @@ impl Ties {
         let side = &mut self.side;
         let piece = piece_to(t, index, window, closing, side)?;
         let increment = piece.as_ref().map(|piece| *piece.increment());
-        let model = match *reading {
-            Reading::Lbl { range, buoy_enu, buoy_sigma, .. } => {
-                Model::Lbl(LblModel::new(range, buoy_enu, buoy_sigma, &vehicle.lbl))
-            }
-            Reading::Gnss { antenna_enu, sigma_enu } => {
-                Model::Gnss(GnssModel::new(antenna_enu, sigma_enu, &vehicle.gnss, world))
-            }
-            Reading::Dvl { velocity_dvl } => {
-                let gyro_body = closing.history.at(t).ok_or(RejectReason::NoImu)?.gyro_body;
-                let dt = closing.history.sampling_period_at(t).as_seconds();
-                Model::Dvl(DvlModel::new(velocity_dvl, gyro_body, &vehicle.dvl, &vehicle.imu, dt))
-            }
-            Reading::Mcp { heading } => {
-                if !McpModel::is_usable(&node.state, world) {
-                    return Err(RejectReason::NearVertical);
-                }
-                Model::Mcp(McpModel::new(heading, &vehicle.mcp))
-            }
-            Reading::Ps { depth } => Model::Ps(PsModel::new(depth, vehicle)),
-            Reading::Imu { .. } | Reading::Keyframe { .. } => return Err(RejectReason::Malformed),
+        let gyro = || {
+            let gyro_body = closing.history.at(t)?.gyro_body;
+            Some(GyroAt { gyro_body, dt_imu: closing.history.sampling_period_at(t).as_seconds() })
         };
+        let model = Model::of(reading, vehicle, &node.state, world, gyro)?;
         let mut factor = Factor::new(t, model, increment, Kernel::None);
         let sensor = factor.sensor();
-        let configured = self.config.navigator.sensor(sensor).map_or(Kernel::None, |config| config.kernel);
-        factor.kernel = settle(configured, &self.shares[sensor.index()]);
+        if let Some(config) = self.config.navigator.sensor(sensor) {
+            factor.kernel = self.judges.kernel(sensor, config);
+        }
         if let Reading::Lbl { buoy, epoch, .. } = *reading {
             factor = factor.of_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
         }
@@ -220,62 +233,29 @@ impl Ties {
         let covariance =
             if index + 2 == window.nodes().len() { closing.covariance_before } else { closing.covariance_newest };
         let innovation = Innovation::of(rows.as_slice(), &node.delta, covariance);
-        Ok(Candidate { factor, rows, innovation })
+        Ok(Evaluated { factor, rows, innovation })
     }
 
     /// Gates the group, sets first weights, counts and lists. What was refused leaves the group.
     fn judge(&mut self, sensor: Sensor, report: &mut KeyframeReport) {
-        let Some(first) = self.epoch.first() else { return };
+        let (Some(first), Some(config)) = (self.epoch.first(), self.config.navigator.sensor(sensor)) else { return };
         let (shares_offset, t) = (first.factor.shares_offset(), first.factor.t);
-        let mut is_gated = self.config.navigator.sensor(sensor).is_some_and(|config| config.gate);
-        if shares_offset {
-            let mut offsets = [0.0; EPOCH_MAX];
-            for (offset, candidate) in offsets.iter_mut().zip(&self.epoch) {
-                let row = &candidate.rows.as_slice()[0];
-                // Whitened innovation times √S and σ: the innovation in m.
-                let s = (1.0 + candidate.innovation.state_share).sqrt();
-                *offset = candidate.innovation.whitened[0] * s / row.inverse_sigma;
-            }
-            match median(&mut offsets[..self.epoch.len()]) {
-                Some(offset) if self.epoch.len() >= MEDIAN_MIN => {
-                    for candidate in &mut self.epoch {
-                        let s = (1.0 + candidate.innovation.state_share).sqrt();
-                        let in_sigmas = offset * candidate.rows.as_slice()[0].inverse_sigma;
-                        candidate.innovation = candidate.innovation.without_offset(in_sigmas, s);
-                    }
-                }
-                _ => is_gated = false,
-            }
-        }
-        let admits = self.refusals[sensor.index()].admits_next();
-        let mut passed_any = false;
-        let offsets = &mut self.offsets;
-        let (share, counts) = (&mut self.shares[sensor.index()], &mut self.counts[sensor.index()]);
-        let t_last_used = AIDING.iter().position(|&aiding| aiding == sensor).map(|at| &mut self.t_last_used[at]);
+        let (offsets, counts) = (&mut self.offsets, &mut self.counts[sensor.index()]);
         let mut t_newest = Time::MIN;
-        self.epoch.retain_mut(|candidate| {
-            let components = candidate.factor.components();
-            share.observe(candidate.innovation.nis, components);
-            let passes = candidate.innovation.passes(sensor, components);
-            passed_any |= passes;
-            let refused = is_gated && !passes && !admits;
-            let weight = candidate.innovation.first_weight(candidate.factor.kernel);
-            candidate.rows.as_mut_slice().iter_mut().for_each(|row| row.weight = weight);
-            list_candidate(report, candidate, weight, refused);
-            if refused {
+        self.judges.judge(sensor, config, shares_offset, t, &mut self.epoch, |candidate, verdict| {
+            let (place, components) = (candidate.factor.place(), candidate.factor.components());
+            offsets.observe(place, &candidate.innovation, components, verdict.weight);
+            list_candidate(report, candidate, verdict.weight, verdict.refused);
+            if verdict.refused {
                 counts.rejected[RejectReason::Gated.index()] += 1;
-                offsets.observe_refused(candidate.factor.place(), &candidate.innovation, weight);
+                offsets.observe_refused(place, &candidate.innovation, verdict.weight);
             } else {
                 counts.used += 1;
                 t_newest = t_newest.max(candidate.factor.t);
             }
-            !refused
         });
-        if let Some(t_last_used) = t_last_used {
-            *t_last_used = t_newest.max(*t_last_used);
-        }
-        if is_gated {
-            self.refusals[sensor.index()].observe(t, passed_any);
+        if let Some(at) = AIDING.iter().position(|&aiding| aiding == sensor) {
+            self.t_last_used[at] = t_newest.max(self.t_last_used[at]);
         }
     }
 }
@@ -312,13 +292,8 @@ fn piece_to<'a>(
     Ok(Some(Piece::Forward(side)))
 }
 
-fn list_candidate(report: &mut KeyframeReport, candidate: &Candidate, weight: f64, refused: bool) {
-    let count = report.factor_count as usize;
-    if count == FACTORS_MAX {
-        report.factors_left_out += 1;
-        return;
-    }
-    report.factors[count] = FactorReport {
+fn list_candidate(report: &mut KeyframeReport, candidate: &Evaluated, weight: f64, refused: bool) {
+    report.list(FactorReport {
         t_valid: candidate.factor.t.0,
         sensor: candidate.factor.sensor() as u32,
         rows: candidate.factor.components() as u32,
@@ -327,21 +302,5 @@ fn list_candidate(report: &mut KeyframeReport, candidate: &Candidate, weight: f6
         whitened: candidate.innovation.whitened,
         nis: candidate.innovation.nis,
         weight,
-    };
-    report.factor_count += 1;
-}
-
-fn list_refused(report: &mut KeyframeReport, measurement: &Measurement, reason: RejectReason) {
-    let count = report.factor_count as usize;
-    if count == FACTORS_MAX {
-        report.factors_left_out += 1;
-        return;
-    }
-    report.factors[count] = FactorReport {
-        t_valid: measurement.header.t_valid,
-        sensor: measurement.kind,
-        refused: 1 + reason as u32,
-        ..FactorReport::default()
-    };
-    report.factor_count += 1;
+    });
 }

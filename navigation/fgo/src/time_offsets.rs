@@ -12,13 +12,17 @@
 //! moved before       covariances cover what is still unknown of it
 //! ```
 //!
+//! An error of another kind may look like an offset for a while: a heading that is disturbed while the vehicle turns. So σ_τ is
+//! what the columns say times √χ², χ² being what the offset leaves of the sensor's squared innovations per degree of freedom:
+//! an offset explains them, the other error does not.
+//!
 //! Two covariances cover an offset of sigma σ: that of a reading to come, by ḣ²σ², and that of the state, by VVᵀσ² with
 //! V = ∂x/∂τ of the readings that have been. A sensor whose stamps are right costs nothing by this: its rows stay what they were.
 
 use shared_types::{AIDING, Duration, TimeOffset};
 
 use crate::columns::{OffsetScore, TERMS, fadings};
-use crate::innovation::Innovation;
+use nav_models::innovation::Innovation;
 
 /// Standard deviations at which stamps are moved for the first time. Chance does that to one of five good sensors with two
 /// memories once in some hundred hours.
@@ -30,8 +34,12 @@ const SURER: f64 = 3.0;
 const POSSIBLE: f64 = 2.5;
 /// An offset smaller than this, s, is not worth a move: what it does is below a centimetre at usual speeds.
 const SMALLEST: f64 = 0.01;
-/// Largest offset that is believed, s.
+/// Largest offset that is believed, s: a stamp may be late by this, and early by some of a sensor's own filtering.
 const LARGEST: f64 = 1.0;
+const EARLIEST: f64 = -0.2;
+/// An offset that is known no better than this, s, is covered but moves nothing: what little motion there is tells as much of
+/// other errors.
+const VAGUE: f64 = 0.12;
 /// How far an offset may wander after it was found, s/√s, and how far at most, s.
 const WANDERING: f64 = 5e-3;
 const WANDERING_MOST: f64 = 0.1;
@@ -50,6 +58,8 @@ struct Offset {
     was_moved: bool,
     /// Of refused readings, fading.
     refused: [OffsetScore; TERMS],
+    /// Squared innovations and their degrees of freedom, fading.
+    innovations: [(f64, f64); TERMS],
 }
 
 /// Those of all aiding sensors.
@@ -81,6 +91,7 @@ impl TimeOffsets {
                 term: 0,
                 was_moved: matches!(kind, TimeOffset::Estimated(offset) if offset != 0.0),
                 refused: [OffsetScore::default(); TERMS],
+                innovations: [(0.0, 0.0); TERMS],
             }),
         }
     }
@@ -88,7 +99,7 @@ impl TimeOffsets {
     /// Goes on with offsets found before, s, and their sigmas.
     pub fn resume(&mut self, found: &[f64; AIDING.len()], sigmas: &[f64; AIDING.len()]) {
         for ((offset, &found), &sigma) in self.offsets.iter_mut().zip(found).zip(sigmas) {
-            let is_sane = found.abs() <= LARGEST && (0.0..=LARGEST).contains(&sigma);
+            let is_sane = (EARLIEST..=LARGEST).contains(&found) && (0.0..=LARGEST).contains(&sigma);
             if offset.is_estimated() && is_sane {
                 offset.applied = found;
                 offset.sigma = sigma;
@@ -120,6 +131,14 @@ impl TimeOffsets {
         (self.offsets.map(|offset| offset.applied), self.offsets.map(|offset| offset.sigma))
     }
 
+    /// A reading was judged, with this weight of its kernel.
+    pub fn observe(&mut self, sensor: usize, innovation: &Innovation, components: usize, weight: f64) {
+        for (squares, freedom) in &mut self.offsets[sensor].innovations {
+            *squares += weight * innovation.nis;
+            *freedom += components as f64;
+        }
+    }
+
     /// A reading was refused by its gate; `weight` is that of its kernel at its innovation.
     pub fn observe_refused(&mut self, sensor: usize, innovation: &Innovation, weight: f64) {
         for refused in &mut self.offsets[sensor].refused {
@@ -140,13 +159,19 @@ impl TimeOffsets {
             refused.information *= faded * faded;
             refused.right *= faded;
         }
+        for ((squares, freedom), faded) in offset.innovations.iter_mut().zip(fadings(dt)) {
+            *squares *= faded * faded;
+            *freedom *= faded * faded;
+        }
         let wandered = if offset.was_moved { WANDERING * dt.as_seconds().sqrt() } else { 0.0 };
         offset.sigma = if offset.was_moved { offset.sigma.hypot(wandered).min(WANDERING_MOST) } else { 0.0 };
         // The memory that is surest of an offset.
         let (term, found, sigma) = (0..TERMS)
             .filter_map(|term| {
                 let (found, sigma) = scores[term].plus(&offset.refused[term]).found()?;
-                Some((term, found, sigma))
+                let (squares, freedom) = offset.innovations[term];
+                let left = (squares - (found / sigma).powi(2)) / freedom.max(1.0);
+                Some((term, found, sigma * left.max(1.0).sqrt()))
             })
             .max_by(|a, b| (a.1.abs() / a.2).total_cmp(&(b.1.abs() / b.2)))?;
         let deviation = found.abs() / sigma;
@@ -162,18 +187,18 @@ impl TimeOffsets {
             offset.term = term;
             offset.sigma = offset.sigma.min(sigma);
         }
-        if deviation < sure || found.abs() < SMALLEST {
+        let moved = offset.applied + found;
+        let is_believable = sigma < VAGUE && (EARLIEST..=LARGEST).contains(&moved);
+        if deviation < sure || found.abs() < SMALLEST || !is_believable {
             return None;
         }
-        let moved = (offset.applied + found).clamp(-LARGEST, LARGEST);
-        let by = moved - offset.applied;
         offset.applied = moved;
-        offset.sigma = sigma.min(LARGEST);
+        offset.sigma = sigma;
         offset.was_moved = true;
         for refused in &mut offset.refused {
-            refused.right -= refused.information * by;
+            refused.right -= refused.information * found;
         }
-        (by != 0.0).then_some(Move { by, term })
+        Some(Move { by: found, term })
     }
 }
 
@@ -199,7 +224,7 @@ impl OffsetScore {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::innovation::Innovation;
+    use nav_models::innovation::Innovation;
 
     const SECOND: Duration = Duration(1_000_000_000);
     const DVL: usize = 2;

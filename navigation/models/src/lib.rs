@@ -6,10 +6,18 @@
 pub mod anchored;
 mod blocks;
 pub mod estimator;
+pub mod imu_history;
 pub mod inertial;
 pub mod initialisation;
+pub mod innovation;
+pub mod judging;
+pub mod kernels;
+pub mod prediction;
 pub mod preintegration;
 pub mod propagator;
+pub mod recovery;
+pub mod robust;
+pub mod row;
 pub mod sensors;
 pub mod state;
 #[cfg(test)]

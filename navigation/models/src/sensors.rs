@@ -4,6 +4,7 @@ pub mod dvl;
 pub mod gnss;
 pub mod lbl;
 pub mod mcp;
+pub mod model;
 pub mod ps;
 
 #[cfg(test)]
@@ -13,4 +14,5 @@ pub use dvl::DvlModel;
 pub use gnss::GnssModel;
 pub use lbl::LblModel;
 pub use mcp::McpModel;
+pub use model::{GyroAt, Model};
 pub use ps::PsModel;

@@ -254,6 +254,7 @@ impl Preprocessor {
                 (Some(_), _) => {
                     if let Some(reading) = self.event_time.pop() {
                         self.take(&reading);
+                        self.offsets.let_go_at_once(emit);
                     }
                 }
                 (None, Some((t_due, cause))) => self.close(t_due, cause, emit),

@@ -12,6 +12,9 @@
 //! … readings of (t_k−1, t_k], tied to k−1 or k …   Keyframe k        (late readings, tied further back, stand in front)
 //! ```
 //!
+//! A filter needs none of it ([`AnchorMethod::AtOnce`]): its readings go out as soon as they are taken up, tied to their own time,
+//! and the bracket says when a solution is wanted.
+//!
 //! FPF ties to the earlier neighbour always. PF pretends that the reading was taken at its keyframe: its `t_valid`
 //! becomes `t_keyframe`.
 
@@ -28,11 +31,13 @@ const CAPACITY: usize = 4096;
 pub(crate) struct TimeOffsets {
     method: AnchorMethod,
     held: Vec<Measurement>,
+    /// Something went out at once that no keyframe has closed yet.
+    is_unclosed: bool,
 }
 
 impl TimeOffsets {
     pub(crate) fn new(method: AnchorMethod) -> TimeOffsets {
-        TimeOffsets { method, held: Vec::with_capacity(CAPACITY) }
+        TimeOffsets { method, held: Vec::with_capacity(CAPACITY), is_unclosed: false }
     }
 
     /// Takes a reading in, to be tied when the next keyframe is known.
@@ -50,6 +55,14 @@ impl TimeOffsets {
         Ok(())
     }
 
+    /// Lets everything go that need not wait for a keyframe.
+    pub(crate) fn let_go_at_once(&mut self, emit: &mut impl FnMut(Measurement)) {
+        if self.method == AnchorMethod::AtOnce {
+            self.is_unclosed |= !self.held.is_empty();
+            self.held.drain(..).for_each(emit);
+        }
+    }
+
     /// A keyframe was closed (it is the newest of `times`): lets its batch go, and the keyframe behind it. Readings older
     /// than the window go to `reject`.
     pub(crate) fn on_keyframe(
@@ -60,6 +73,7 @@ impl TimeOffsets {
         emit: &mut impl FnMut(Measurement),
         mut reject: impl FnMut(&Measurement, RejectReason),
     ) {
+        self.is_unclosed = false;
         for mut measurement in self.held.drain(..) {
             let Some(anchor) = times.anchor(measurement.t_valid()) else {
                 reject(&measurement, RejectReason::OlderThanWindow);
@@ -81,8 +95,9 @@ impl TimeOffsets {
         }
     }
 
+    /// Whether nothing waits for a keyframe.
     pub(crate) fn is_empty(&self) -> bool {
-        self.held.is_empty()
+        self.held.is_empty() && !self.is_unclosed
     }
 
     /// How many of a sensor wait.
@@ -158,6 +173,19 @@ mod tests {
     fn position_focused_pretends_that_the_reading_was_taken_at_its_keyframe() {
         let out = batch(AnchorMethod::Pf, &[depth(10.2), depth(10.7)]);
         assert_eq!(out, [(10.0, 10.0, PS), (11.0, 11.0, PS), BRACKET]);
+    }
+
+    #[test]
+    fn a_filter_gets_its_readings_at_once_and_tied_to_their_own_time() {
+        let mut offsets = TimeOffsets::new(AnchorMethod::AtOnce);
+        offsets.hold(depth(10.7)).unwrap();
+        let mut out = Vec::new();
+        offsets.let_go_at_once(&mut |m| out.push((m.t_valid(), m.t_keyframe())));
+        assert_eq!(out, [(at(10.7), at(10.7))]);
+        assert!(offsets.held.is_empty() && !offsets.is_empty(), "the bracket is still to come");
+        let mut offsets = TimeOffsets::new(AnchorMethod::Fbpf);
+        offsets.hold(depth(10.7)).unwrap();
+        offsets.let_go_at_once(&mut |m| panic!("{m:?} goes out with its keyframe"));
     }
 
     #[test]

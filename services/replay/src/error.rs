@@ -83,6 +83,14 @@ pub enum ReplayError {
         /// Which log.
         log: PathBuf,
     },
+    /// A filter is asked to smooth.
+    #[error(
+        "estimator \"{estimator}\" is a filter and keeps nothing to smooth (leave `--estimator` out, or give `--estimator fgo`)"
+    )]
+    NotASmoother {
+        /// By name.
+        estimator: &'static str,
+    },
     /// A file that a command line names cannot be read or written.
     #[error("{}: cannot {action}", file.display())]
     Io {

@@ -23,7 +23,7 @@ pub struct RunFacts {
     pub faults: Vec<String>,
     /// By name.
     pub estimator: &'static str,
-    /// Intervals in the window.
+    /// Intervals in the window; 0 of a filter.
     pub window: usize,
     /// Keyframes solved.
     pub keyframes: u64,
@@ -31,7 +31,7 @@ pub struct RunFacts {
     pub keyframes_unsolved: u64,
     /// Over all keyframes.
     pub iterations: u64,
-    /// CPU time per keyframe with a full window, ns.
+    /// CPU time per keyframe with a full window, or any of a filter, ns.
     pub solve_ns: Histogram<u64>,
     /// Readings read per sensor, in the order of [`SENSORS`].
     pub received: [u64; 7],

@@ -112,7 +112,7 @@ fn replay(
         Output::Solution(solution, _) => {
             keyframes += 1;
             iterations += u64::from(solution.iterations);
-            if solution.keyframes as usize > config.navigator.fgo.window {
+            if config.navigator.estimator.is_filter() || solution.keyframes as usize > config.navigator.fgo.window {
                 solve_ns.saturating_record(solution.solve_ns);
             }
         }
@@ -124,7 +124,7 @@ fn replay(
     navigator.finish(&mut clock, &mut sink);
     failed?;
     let estimator = config.navigator.estimator.name();
-    let window = config.navigator.fgo.window;
+    let window = if config.navigator.estimator.is_filter() { 0 } else { config.navigator.fgo.window };
     let faults = injected.specs.iter().map(ToString::to_string).collect();
     output.finish(&RunFacts { faults, estimator, window, keyframes, iterations, solve_ns, ..facts_of(&navigator) })
 }

@@ -11,7 +11,7 @@ use hdrhistogram::Histogram;
 use ilns_recording::{LogDirectory, Summary};
 use ilns_runtime::NavigatorArgs;
 use nav_pipeline::{Navigator, Output, SolveClock, Unmeasured};
-use shared_types::Config;
+use shared_types::{Config, EstimatorKind};
 
 use crate::error::ReplayError;
 use crate::output::ReplayOutput;
@@ -45,6 +45,10 @@ pub fn run(args: &SmoothArgs) -> Result<(), ReplayError> {
     let started = Instant::now();
     let log = LogDirectory::open(&args.dir)?;
     let config = args.navigator.load_config(log.config().map(std::slice::from_ref).unwrap_or_default())?;
+    let estimator = config.navigator.estimator;
+    if estimator != EstimatorKind::Fgo {
+        return Err(ReplayError::NotASmoother { estimator: estimator.name() });
+    }
     let Some(out) = args.out.as_ref().filter(|_| !args.navigator.print_config) else {
         return std::io::stdout().write_all(config.to_toml().as_bytes()).map_err(ReplayError::Print);
     };

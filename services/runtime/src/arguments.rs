@@ -77,7 +77,7 @@ pub struct NavigatorArgs {
     /// TOML file with vehicle and navigator settings, on top of those that come with the scenario or log.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Which estimator navigates.
+    /// Which estimator navigates: fgo (the smoother), ekf or fkf (Kalman filters to compare with).
     #[arg(long, value_name = "NAME")]
     pub estimator: Option<String>,
     /// Length of the sliding window in keyframe intervals, 2 to 500.

@@ -8,13 +8,15 @@
 //! truth, and the published sigmas say so.
 
 use nalgebra::{Matrix4, Vector4};
-use nav_models::preintegration::Preintegration;
-use nav_models::sensors::LblModel;
-use nav_models::state::NavState;
-use shared_types::{Config, Duration, Reading, Time};
+use shared_types::{Config, Duration, Measurement, Reading, Time};
 
+use crate::preintegration::Preintegration;
 use crate::robust::chi2_999;
-use crate::ties::Pending;
+use crate::sensors::LblModel;
+use crate::state::NavState;
+
+/// A measurement as it came, and what is in it.
+pub type Checked = (Measurement, Reading);
 
 /// Whole epochs refused in a row before the state is suspected: one may agree with itself by chance, two hardly do.
 pub const SUSPICIOUS_EPOCHS: u32 = 2;
@@ -52,7 +54,7 @@ impl Loosening {
 ///
 /// `height_sigma`: how well the height is known, m. `refused_for`: since when epochs are refused.
 pub fn loosening(
-    pending: &[Pending],
+    pending: &[Checked],
     t: Time,
     predicted: &NavState,
     height_sigma: f64,
@@ -126,7 +128,7 @@ mod tests {
 
     const BUOYS: [[f64; 3]; 4] = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0], [200.0, 500.0, 0.0]];
 
-    fn epoch(at: Vector3<f64>, error: impl Fn(usize) -> f64) -> Vec<Pending> {
+    fn epoch(at: Vector3<f64>, error: impl Fn(usize) -> f64) -> Vec<Checked> {
         BUOYS
             .iter()
             .enumerate()
@@ -138,7 +140,7 @@ mod tests {
             .collect()
     }
 
-    fn ask(pending: &[Pending], config: &Config) -> Option<Loosening> {
+    fn ask(pending: &[Checked], config: &Config) -> Option<Loosening> {
         let mut predicted = NavState::identity();
         predicted.position_enu = Vector3::new(0.0, 0.0, -50.0);
         loosening(pending, Time(0), &predicted, 0.01, Duration::from_seconds(4.0), config)

@@ -8,7 +8,8 @@ use shared_types::{Kernel, Sensor, Time};
 
 use crate::kernels::{Block, BlockVector, add_times_transposed, dot};
 use crate::robust::{gate_threshold, weight};
-use crate::rows::{DIM, Row};
+use crate::row::Row;
+use crate::state::ERROR_DIM as DIM;
 
 /// A range longer than predicted by more sigmas than this is multipath; one shorter may be a little further off (§3.3).
 const RANGE_TOO_LONG: f64 = 4.0;

@@ -1,0 +1,155 @@
+//! Raw IMU samples in order of time, and what lies between two instants.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector3;
+use shared_types::{Duration, ImuGateConfig, ImuNoise, Time};
+
+use crate::preintegration::{ImuPoint, Preintegration};
+use crate::propagator::{GAP_INFLATION, LONG_GAP_INFLATION};
+
+/// What integrating a step needs to know of the instrument.
+#[derive(Clone, Debug)]
+pub struct ImuModel {
+    /// Noise densities and bias random walks.
+    pub noise: ImuNoise,
+    /// What counts as a gap.
+    pub gate: ImuGateConfig,
+}
+
+impl ImuModel {
+    /// Factor on the white noise densities in a step of this length.
+    pub fn inflation(&self, step: Duration) -> f64 {
+        if step.abs() > self.gate.long_gap {
+            LONG_GAP_INFLATION
+        } else if step.abs() > self.gate.gap {
+            GAP_INFLATION
+        } else {
+            1.0
+        }
+    }
+}
+
+/// A sample and its time.
+#[derive(Clone, Copy, Debug)]
+pub struct TimedPoint {
+    /// Data time.
+    pub t: Time,
+    /// Raw rate and specific force.
+    pub point: ImuPoint,
+}
+
+/// Raw samples from the oldest keyframe on, in order of time.
+#[derive(Clone, Debug)]
+pub struct ImuHistory {
+    samples: VecDeque<TimedPoint>,
+}
+
+impl ImuHistory {
+    /// With room for `capacity` samples before it grows.
+    pub fn with_capacity(capacity: usize) -> ImuHistory {
+        ImuHistory { samples: VecDeque::with_capacity(capacity) }
+    }
+
+    /// Time of the newest sample.
+    pub fn newest(&self) -> Option<Time> {
+        self.samples.back().map(|sample| sample.t)
+    }
+
+    /// Time of the oldest sample.
+    pub fn oldest(&self) -> Option<Time> {
+        self.samples.front().map(|sample| sample.t)
+    }
+
+    /// Appends a sample; `false` if it is not later than the newest, and then nothing happens.
+    pub fn push(&mut self, t: Time, point: ImuPoint) -> bool {
+        if self.newest().is_some_and(|newest| t <= newest) {
+            return false;
+        }
+        self.samples.push_back(TimedPoint { t, point });
+        true
+    }
+
+    /// Forgets what is older than `t`, but for the one sample from which `t` itself is interpolated.
+    pub fn forget_before(&mut self, t: Time) {
+        while self.samples.get(1).is_some_and(|second| second.t <= t) {
+            self.samples.pop_front();
+        }
+    }
+
+    /// The sample at `t`, interpolated linearly; `None` outside the history.
+    pub fn at(&self, t: Time) -> Option<ImuPoint> {
+        let after = self.samples.partition_point(|sample| sample.t < t);
+        let second = self.samples.get(after)?;
+        if second.t == t {
+            return Some(second.point);
+        }
+        let first = self.samples.get(after.checked_sub(1)?)?;
+        Some(interpolate(first, second, t))
+    }
+
+    /// Whether a sample was taken at exactly `t`.
+    pub fn is_sample(&self, t: Time) -> bool {
+        self.samples.binary_search_by_key(&t, |sample| sample.t).is_ok()
+    }
+
+    /// Sampling period around `t`; that of the usual instrument where it cannot be told.
+    pub fn sampling_period_at(&self, t: Time) -> Duration {
+        const USUAL: Duration = Duration(5_000_000);
+        let after = self.samples.partition_point(|sample| sample.t < t).max(1);
+        match (self.samples.get(after - 1), self.samples.get(after)) {
+            (Some(first), Some(second)) => second.t - first.t,
+            _ => USUAL,
+        }
+    }
+
+    /// Holds the oldest sample back to an earlier instant `t`: what a restarted estimator knows of the time before.
+    pub fn hold_back_to(&mut self, t: Time) {
+        if let Some(&oldest) = self.samples.front()
+            && t < oldest.t
+        {
+            self.samples.push_front(TimedPoint { t, point: oldest.point });
+        }
+    }
+
+    /// Samples strictly between two instants.
+    pub fn between(&self, from: Time, to: Time) -> impl DoubleEndedIterator<Item = &TimedPoint> {
+        let first = self.samples.partition_point(|sample| sample.t <= from);
+        let last = self.samples.partition_point(|sample| sample.t < to).max(first);
+        self.samples.range(first..last)
+    }
+
+    /// Preintegrates directly from one instant to another, backward when `to` is earlier. `None` outside the history.
+    pub fn integrate(
+        &self,
+        from: Time,
+        to: Time,
+        accel_bias: &Vector3<f64>,
+        gyro_bias: &Vector3<f64>,
+        model: &ImuModel,
+    ) -> Option<Preintegration> {
+        let mut piece = Preintegration::new(*accel_bias, *gyro_bias);
+        let mut last = TimedPoint { t: from, point: self.at(from)? };
+        let end = TimedPoint { t: to, point: self.at(to)? };
+        let mut step = |next: &TimedPoint| {
+            let dt = next.t - last.t;
+            if dt != Duration::ZERO {
+                piece.step(&model.noise, dt.as_seconds(), &last.point, &next.point, model.inflation(dt));
+            }
+            last = *next;
+        };
+        if from <= to {
+            self.between(from, to).for_each(&mut step);
+        } else {
+            self.between(to, from).rev().for_each(&mut step);
+        }
+        step(&end);
+        Some(piece)
+    }
+}
+
+/// The sample at `t` on the straight line between two.
+pub fn interpolate(first: &TimedPoint, second: &TimedPoint, t: Time) -> ImuPoint {
+    let share = (t - first.t).as_seconds() / (second.t - first.t).as_seconds();
+    ImuPoint::interpolate(&first.point, &second.point, share)
+}

@@ -1,0 +1,115 @@
+//! Which measurements of one sensor count, and how much: gates, adaptive kernels, refusals in a row (§3.3, §4.2 of the method).
+//!
+//! One set of rules for every estimator, so that a comparison of estimators is not one of gates.
+
+use shared_types::{Kernel, SENSORS, Sensor, SensorConfig, Time};
+
+use crate::innovation::{Innovation, Refusals, median};
+use crate::robust::{ImprobableShare, settle};
+use crate::row::Row;
+
+/// Ranges of one epoch; further ones are counted as too many.
+pub const EPOCH_MAX: usize = 32;
+/// With an unknown common offset the median of fewer ranges proves nothing (§3.3).
+const MEDIAN_MIN: usize = 3;
+
+/// A measurement that has been evaluated and waits for its judgement.
+pub trait Candidate {
+    /// Its whitened rows.
+    fn rows(&mut self) -> &mut [Row];
+    /// Against its prediction.
+    fn innovation(&mut self) -> &mut Innovation;
+    /// Degrees of freedom of a test on it.
+    fn components(&self) -> usize;
+    /// Robust kernel in force.
+    fn kernel(&self) -> Kernel;
+}
+
+/// What was decided on one candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// Its gate refused it.
+    pub refused: bool,
+    /// Weight of its kernel at its innovation.
+    pub weight: f64,
+}
+
+/// What each sensor has been up to, in the order of [`SENSORS`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Judges {
+    shares: [ImprobableShare; SENSORS.len()],
+    refusals: [Refusals; SENSORS.len()],
+}
+
+impl Judges {
+    /// The kernel in force of a sensor.
+    pub fn kernel(&self, sensor: Sensor, config: &SensorConfig) -> Kernel {
+        settle(config.kernel, &self.shares[sensor.index()])
+    }
+
+    /// Whole epochs of ranges refused in a row, and since when.
+    pub fn epochs_refused(&self) -> (u32, Option<Time>) {
+        self.refusals[Sensor::Lbl.index()].run()
+    }
+
+    /// Judges what one sensor measured at `t`: gates, sets weights, tells of each. What was refused leaves the group.
+    /// With `shares_offset` the group is an epoch of ranges with a common unknown offset, judged without its median.
+    pub fn judge<C: Candidate>(
+        &mut self,
+        sensor: Sensor,
+        config: &SensorConfig,
+        shares_offset: bool,
+        t: Time,
+        group: &mut Vec<C>,
+        mut tell: impl FnMut(&mut C, Verdict),
+    ) {
+        if group.is_empty() {
+            return;
+        }
+        let mut is_gated = config.gate;
+        if shares_offset {
+            is_gated &= take_out_median(group);
+        }
+        let admits = self.refusals[sensor.index()].admits_next();
+        let share = &mut self.shares[sensor.index()];
+        let mut passed_any = false;
+        group.retain_mut(|candidate| {
+            let components = candidate.components();
+            let kernel = candidate.kernel();
+            let innovation = candidate.innovation();
+            share.observe(innovation.nis, components);
+            let passes = innovation.passes(sensor, components);
+            passed_any |= passes;
+            let refused = is_gated && !passes && !admits;
+            let weight = innovation.first_weight(kernel);
+            candidate.rows().iter_mut().for_each(|row| row.weight = weight);
+            tell(candidate, Verdict { refused, weight });
+            !refused
+        });
+        if is_gated {
+            self.refusals[sensor.index()].observe(t, passed_any);
+        }
+    }
+}
+
+/// Takes the median of an epoch's innovations out of each; `false` where too few ranges are there to know it.
+fn take_out_median<C: Candidate>(epoch: &mut [C]) -> bool {
+    let mut offsets = [0.0; EPOCH_MAX];
+    let count = epoch.len().min(EPOCH_MAX);
+    if count < MEDIAN_MIN {
+        return false;
+    }
+    for (offset, candidate) in offsets.iter_mut().zip(epoch.iter_mut()) {
+        // Whitened innovation times √S and σ: the innovation in m.
+        let s = (1.0 + candidate.innovation().state_share).sqrt();
+        *offset = candidate.innovation().whitened[0] * s / candidate.rows()[0].inverse_sigma;
+    }
+    let Some(offset) = median(&mut offsets[..count]) else { return false };
+    for candidate in epoch {
+        let in_sigmas = offset * candidate.rows()[0].inverse_sigma;
+        let innovation = candidate.innovation();
+        let s = (1.0 + innovation.state_share).sqrt();
+        *innovation = innovation.without_offset(in_sigmas, s);
+    }
+    true
+}

@@ -1,0 +1,99 @@
+//! Whitened rows: what one measurement says, in units of its own sigma.
+//!
+//! A row is r̃ + j̃ᵀ δ with unit variance, δ the step of a state from its linearisation point.
+
+use nalgebra::{ArrayStorage, Cholesky, SMatrix, SVector};
+
+use crate::anchored::Anchored;
+use crate::kernels::{BlockVector, dot};
+use crate::state::ERROR_DIM;
+
+/// Rows of the largest measurement.
+pub const ROWS_MAX: usize = 3;
+
+/// One whitened row.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// ∂r/∂δ over σ.
+    pub jacobian: BlockVector<ERROR_DIM>,
+    /// r over σ, at the linearisation point.
+    pub residual: f64,
+    /// 1/σ: needed where rows share an offset.
+    pub inverse_sigma: f64,
+    /// Robust weight in use.
+    pub weight: f64,
+    /// ∂r/∂τ over σ, τ being how much too late its stamp is: minus the residual's own rate, 1/s.
+    pub slope: f64,
+}
+
+impl Row {
+    /// r̃ after a step δ.
+    #[inline(always)]
+    pub fn after(&self, delta: &BlockVector<ERROR_DIM>) -> f64 {
+        self.residual + dot(&self.jacobian, delta)
+    }
+}
+
+/// A covariance that cannot be inverted, or a prediction that is not a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unusable;
+
+/// A measurement's rows, at most [`ROWS_MAX`] of them.
+#[derive(Clone, Copy, Debug)]
+pub struct MeasuredRows {
+    rows: [Row; ROWS_MAX],
+    count: usize,
+}
+
+const NO_ROW: Row = Row {
+    jacobian: BlockVector::<ERROR_DIM>::from_array_storage(ArrayStorage([[0.0; ERROR_DIM]])),
+    residual: 0.0,
+    inverse_sigma: 0.0,
+    weight: 1.0,
+    slope: 0.0,
+};
+
+impl MeasuredRows {
+    /// The rows of a factor under `whitening`, L⁻¹ of its covariance LLᵀ; `slope` is whitened already.
+    ///
+    /// # Errors
+    /// [`Unusable`]: a number is not finite.
+    #[inline]
+    pub fn whitened<const ROWS: usize>(
+        anchored: &Anchored<ROWS>,
+        whitening: &SMatrix<f64, ROWS, ROWS>,
+        slope: &SVector<f64, ROWS>,
+    ) -> Result<MeasuredRows, Unusable> {
+        let residual: SVector<f64, ROWS> = whitening * anchored.residual;
+        let jacobian: SMatrix<f64, ROWS, ERROR_DIM> = whitening * anchored.jacobian;
+        if !residual.iter().chain(jacobian.iter()).chain(slope.iter()).all(|x| x.is_finite()) {
+            return Err(Unusable);
+        }
+        let mut measured = MeasuredRows { rows: [NO_ROW; ROWS_MAX], count: ROWS };
+        for (index, row) in measured.rows[..ROWS].iter_mut().enumerate() {
+            row.jacobian = jacobian.row(index).transpose();
+            row.residual = residual[index];
+            row.inverse_sigma = whitening[(index, index)];
+            row.slope = slope[index];
+        }
+        Ok(measured)
+    }
+
+    /// The rows in use.
+    pub fn as_slice(&self) -> &[Row] {
+        &self.rows[..self.count]
+    }
+
+    /// The rows in use.
+    pub fn as_mut_slice(&mut self) -> &mut [Row] {
+        &mut self.rows[..self.count]
+    }
+}
+
+/// L⁻¹ with Λ = LLᵀ; `None` where Λ is singular.
+#[inline]
+pub fn inverse_root<const ROWS: usize>(covariance: &SMatrix<f64, ROWS, ROWS>) -> Option<SMatrix<f64, ROWS, ROWS>> {
+    let l = Cholesky::new(*covariance)?.l();
+    let mut inverse = SMatrix::<f64, ROWS, ROWS>::identity();
+    l.solve_lower_triangular_mut(&mut inverse).then_some(inverse)
+}
