@@ -113,7 +113,8 @@ impl CurveFigure {
 
     fn x_range(&self) -> [f64; 2] {
         let points = self.panels.iter().flat_map(|panel| &panel.curves).flat_map(|curve| &curve.points);
-        widened(extent(points.map(|point| point[0])))
+        let [low, high] = extent(points.map(|point| point[0]));
+        if self.is_logarithmic { [low / 1.15, high * 1.15] } else { widened([low, high]) }
     }
 
     fn panel(&self, svg: &mut Svg, panel: &Panel, names: &[String], area: &Area, x: [f64; 2], is_last: bool) {

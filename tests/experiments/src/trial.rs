@@ -9,7 +9,7 @@ use nav_pipeline::{Navigator, Output, Rebase, SolveClock, Unmeasured};
 use rustix::time::{ClockId, clock_gettime};
 use shared_types::{AIDING, Config, ConfigError, ConfigText, Duration, KeyframeReport, Mode, RawReading, Time};
 use sim_faults::{ArrivalClock, FaultSpec, FaultStream};
-use sim_world::{Preset, Scenario, ScenarioError, World};
+use sim_world::{Manoeuvre, Preset, Scenario, ScenarioError, World};
 
 /// What to run.
 #[derive(Clone, Debug)]
@@ -45,6 +45,8 @@ pub enum Change {
     Nothing,
     /// The compass works throughout.
     McpKept,
+    /// It stays at the surface, where it sees satellites throughout.
+    AtSurface,
     /// DVL, MCP, PS and GNSS read once a second, so long (s) after the ping.
     AfterPing(f64),
 }
@@ -136,6 +138,14 @@ impl Change {
         match self {
             Change::Nothing => {}
             Change::McpKept => scenario.mcp.iter_mut().for_each(|mcp| mcp.schedule.outages.clear()),
+            Change::AtSurface => {
+                scenario.gnss.iter_mut().for_each(|gnss| gnss.schedule.outages.clear());
+                for segment in &mut scenario.segments {
+                    if matches!(segment.manoeuvre, Manoeuvre::Sink { .. } | Manoeuvre::Rise { .. }) {
+                        segment.manoeuvre = Manoeuvre::Cruise;
+                    }
+                }
+            }
             Change::AfterPing(offset) => {
                 let ping = scenario.lbl.as_ref().map_or(0.0, |lbl| lbl.schedule.phase);
                 let schedules = [

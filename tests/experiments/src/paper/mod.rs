@@ -77,3 +77,27 @@ pub fn run(experiment: Experiment, args: &Args) -> Result<(), BenchError> {
     eprintln!("{} and report.md beside it", args.out.join("report.html").display());
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    #[test]
+    fn the_errata_name_tests_that_exist() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let text = std::fs::read_to_string(root.join("navigation/ERRATA.md")).expect("the page is there");
+        let mut named = 0;
+        // `file.rs`: `name of a test`
+        for part in text.split("`: `").collect::<Vec<&str>>().windows(2) {
+            let file = part[0].rsplit('`').next().expect("a file stands before the colon");
+            let test = part[1].split('`').next().expect("a test stands behind it");
+            let file =
+                ["navigation", "."].map(|folder| root.join(folder).join(file)).into_iter().find(|file| file.exists());
+            let source =
+                std::fs::read_to_string(file.unwrap_or_else(|| panic!("no file for {test}"))).expect("it is text");
+            assert!(source.contains(&format!("fn {test}()")), "{test}");
+            named += 1;
+        }
+        assert!(named > 20, "{named}");
+    }
+}

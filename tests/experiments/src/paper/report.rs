@@ -101,7 +101,7 @@ fn html(sections: &[Section], figure: impl Fn(&str) -> Result<String, ReplayErro
                     escape(&section.id.to_uppercase()),
                     escape(&claim.claim),
                     claim.verdict.text(),
-                    escape(&claim.finding)
+                    prose(&claim.finding)
                 ),
             );
         }
@@ -109,7 +109,7 @@ fn html(sections: &[Section], figure: impl Fn(&str) -> Result<String, ReplayErro
     text += "</ul>\n";
     for section in sections {
         add(&mut text, format_args!("<section id=\"{}\">\n<h2>{}</h2>\n", section.id, escape(&section.title)));
-        add(&mut text, format_args!("<p>{}</p>\n", escape(&section.setting)));
+        add(&mut text, format_args!("<p>{}</p>\n", prose(&section.setting)));
         add(&mut text, format_args!("<pre>{}</pre>\n", escape(&section.command)));
         add(&mut text, format_args!("<p class=\"small\">{}.</p>\n", escape(&provenance(section))));
         section.tables.iter().for_each(|table| text += &html_table(table));
@@ -138,7 +138,7 @@ fn html_table(table: &Table) -> String {
     }
     text += "</tbody></table></div>\n";
     if !table.note.is_empty() {
-        add(&mut text, format_args!("<p class=\"small\">{}</p>\n", escape(&table.note)));
+        add(&mut text, format_args!("<p class=\"small\">{}</p>\n", prose(&table.note)));
     }
     text
 }
@@ -149,6 +149,13 @@ fn add(text: &mut String, arguments: std::fmt::Arguments<'_>) {
 
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Escaped, with what stands between backticks as code.
+fn prose(text: &str) -> String {
+    let parts = escape(text);
+    let parts = parts.split('`').enumerate();
+    parts.map(|(at, part)| if at % 2 == 1 { format!("<code>{part}</code>") } else { part.to_owned() }).collect()
 }
 
 /// Verdicts are told apart by their words first; figures that a telephone would make too small to read can be pushed aside.
