@@ -114,7 +114,7 @@ impl CurveFigure {
     fn x_range(&self) -> [f64; 2] {
         let points = self.panels.iter().flat_map(|panel| &panel.curves).flat_map(|curve| &curve.points);
         let [low, high] = extent(points.map(|point| point[0]));
-        if self.is_logarithmic { [low / 1.15, high * 1.15] } else { widened([low, high]) }
+        if self.is_logarithmic { widened_by_factor([low, high], 1.15) } else { widened([low, high]) }
     }
 
     fn panel(&self, svg: &mut Svg, panel: &Panel, names: &[String], area: &Area, x: [f64; 2], is_last: bool) {
@@ -153,7 +153,7 @@ impl Panel {
     fn y_extent(&self, is_logarithmic: bool) -> [f64; 2] {
         let [low, high] = extent(self.curves.iter().flat_map(|curve| &curve.points).map(|point| point[1]));
         if is_logarithmic {
-            return [low / 1.5, high * 1.5];
+            return widened_by_factor([low, high], 1.5);
         }
         let [mut band_low, mut band_high] =
             extent(self.curves.iter().flat_map(|curve| &curve.band).flat_map(|band| [band[1], band[2]]));
@@ -360,6 +360,11 @@ fn widened([low, high]: [f64; 2]) -> [f64; 2] {
     [low - air, high + air]
 }
 
+/// The same on an axis of decades.
+fn widened_by_factor([low, high]: [f64; 2], factor: f64) -> [f64; 2] {
+    if low > high || low <= 0.0 { [1.0, 10.0] } else { [low / factor, high * factor] }
+}
+
 /// Names of clips and patterns are unique on a page that holds many figures.
 fn clip_name(text: &str) -> String {
     text.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
@@ -404,12 +409,13 @@ mod tests {
             is_logarithmic: true,
             ..CurveFigure::default()
         };
+        let none = CurveFigure { panels: vec![Panel::default()], is_logarithmic: true, ..CurveFigure::default() };
         let bars = BarFigure {
             groups: vec!["one".to_owned(), "two".to_owned()],
             series: vec![("x".to_owned(), vec![Some([1.0, 0.2]), None])],
             ..BarFigure::default()
         };
-        for svg in [empty, odd.svg(), bars.svg(), BarFigure::default().svg(), PlanFigure::default().svg()] {
+        for svg in [empty, none.svg(), odd.svg(), bars.svg(), BarFigure::default().svg(), PlanFigure::default().svg()] {
             assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         }
     }

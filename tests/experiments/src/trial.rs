@@ -45,8 +45,8 @@ pub enum Change {
     Nothing,
     /// The compass works throughout.
     McpKept,
-    /// It stays at the surface, where it sees satellites throughout.
-    AtSurface,
+    /// It stays at this depth (m), and satellites are seen throughout, as no vehicle sees them there.
+    AtDepth(f64),
     /// DVL, MCP, PS and GNSS read once a second, so long (s) after the ping.
     AfterPing(f64),
 }
@@ -138,7 +138,8 @@ impl Change {
         match self {
             Change::Nothing => {}
             Change::McpKept => scenario.mcp.iter_mut().for_each(|mcp| mcp.schedule.outages.clear()),
-            Change::AtSurface => {
+            Change::AtDepth(depth) => {
+                scenario.vehicle.east_north_depth[2] = depth;
                 scenario.gnss.iter_mut().for_each(|gnss| gnss.schedule.outages.clear());
                 for segment in &mut scenario.segments {
                     if matches!(segment.manoeuvre, Manoeuvre::Sink { .. } | Manoeuvre::Rise { .. }) {

@@ -184,6 +184,13 @@ pub fn over(row: &[Outcome], figure: impl Fn(&Outcome) -> f64) -> Spread {
     Spread::of(row.iter().map(figure))
 }
 
+/// In how many runs of one row the horizontal error is lower than in the other's of the same seed, and of how many.
+pub fn lower_in(ours: &[Outcome], theirs: &[Outcome]) -> (usize, usize) {
+    let lower =
+        ours.iter().zip(theirs).filter(|(ours, theirs)| ours.score.rms_horizontal < theirs.score.rms_horizontal);
+    (lower.count(), ours.len())
+}
+
 /// RMS east, north, up of a row.
 pub fn rms(row: &[Outcome]) -> [Spread; 3] {
     [0, 1, 2].map(|axis| over(row, |outcome| outcome.score.rms_enu[axis]))

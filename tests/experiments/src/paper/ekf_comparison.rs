@@ -1,6 +1,6 @@
 //! `i-b`: the extended Kalman filter beside the smoother, straight on and in manoeuvres (Experiment I-b, Table II).
 
-use super::bench::{Args, Bench, BenchError, DIFFERENCES, ILNS, error_figure, rms};
+use super::bench::{Args, Bench, BenchError, DIFFERENCES, ILNS, error_figure, lower_in, rms};
 use super::printed::TABLE_2;
 use super::section::{Section, Table, Verdict};
 use super::spread::{Spread, Standing};
@@ -98,10 +98,15 @@ fn claims(section: &mut Section, outcomes: &[Vec<Outcome>], below_paper: bool, a
             complex_fgo.text()
         ),
     );
+    let pairs = outcomes.chunks(2).map(|pair| lower_in(&pair[1], &pair[0]));
+    let (lower, runs) = pairs.fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
     section.claim(
         "The smoother is never worse than the filter.",
         Verdict::of(at_or_below),
-        format!("{} cell of the table is higher beyond the spread of a seed", if at_or_below { "no" } else { "a" }),
+        format!(
+            "{} cell of the table is higher beyond the spread of a seed; seed by seed, the smoother is lower in {lower} of {runs} runs",
+            if at_or_below { "no" } else { "a" }
+        ),
     );
     section.claim(
         "RMS of FGO-ILNS: 0.52 / 0.86 / 0.01 m stable, 0.73 / 0.34 / 0.01 m complex.",

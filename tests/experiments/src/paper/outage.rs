@@ -67,8 +67,8 @@ fn drift(outcome: &Outcome) -> f64 {
 /// From the first fix to the last horizontal error beyond [`CONVERGED`] within a minute, s.
 fn converged_after(outcome: &Outcome) -> f64 {
     let after = outcome.curve.iter().filter(|point| OUTAGE[1] <= point.t && point.t <= OUTAGE[1] + 60.0);
-    let large = after.filter(|point| point.error_enu[0].hypot(point.error_enu[1]) > CONVERGED);
-    large.last().map_or(0.0, |point| point.t - OUTAGE[1])
+    let mut large = after.filter(|point| point.error_enu[0].hypot(point.error_enu[1]) > CONVERGED);
+    large.next_back().map_or(0.0, |point| point.t - OUTAGE[1])
 }
 
 /// Largest horizontal error in sigmas of its axis during the outage.

@@ -129,8 +129,9 @@ fn claims(section: &mut Section, logs: &[(String, PathBuf)], scores: &[Score], h
         match (to_ekf.is_empty(), to_fkf.is_empty()) {
             (true, true) => "never more than 0.1 m behind EKF or FKF".to_owned(),
             _ => format!(
-                "more than 0.1 m behind the EKF on: {}; behind the FKF on: {}. Where inertial data and positions contradict each other beyond \
-                 their sigmas, kernels of the window take good ranges for outliers; the columns `least squares` show what remains without them",
+                "more than 0.1 m behind the EKF on: {}; behind the FKF on: {}. Where inertial data and \
+                 positions contradict each other beyond their sigmas, a kernel may take good ranges for outliers; the columns `least squares` show \
+                 how much of it that is",
                 list(&to_ekf),
                 list(&to_fkf)
             ),
