@@ -2,9 +2,12 @@
 
 mod runs;
 
-use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
+use nav_pipeline::{ChosenEstimator, Effort, Estimator, Navigator, Output, Rebase, Unmeasured};
+use nav_preprocessing::Preprocessor;
 use runs::Run;
-use shared_types::{Config, ConfigText, Duration, RawReading, RejectReason, Sensor, Solution, SolutionStatus, Time};
+use shared_types::{
+    Config, ConfigText, Duration, Measurement, RawReading, RejectReason, Sensor, Solution, SolutionStatus, Time,
+};
 use sim_world::{Preset, Scenario, World};
 
 const MISSION: Run<'static> = Run { scenario: "mission", preset: Preset::Realistic, seed: 2, sets: &[], until: 150.0 };
@@ -193,5 +196,49 @@ fn the_same_readings_give_the_same_bits() {
     for filter in FILTERS {
         let run = || Run { sets: filter, preset: Preset::Paper, until: 60.0, ..MISSION }.go();
         assert_eq!(run().solutions, run().solutions, "{filter:?}");
+    }
+}
+
+#[test]
+fn a_filter_takes_up_from_the_last_solution_of_one_that_died() {
+    let scenario = Scenario::builtin("mission").expect("a built-in scenario");
+    let world = World::new(&scenario, Preset::Realistic, 2).expect("a valid world");
+    let facts = ConfigText::new("sensors.toml", world.sensors_toml());
+    for estimator in ["ekf", "fkf"] {
+        let sets = [format!("estimator={estimator}")];
+        let config = Config::load(std::slice::from_ref(&facts), &sets).expect("a valid configuration");
+        let mut preprocessor = Preprocessor::new(&config);
+        let mut measurements = Vec::new();
+        for reading in world.readings().take_while(|reading| reading.t_valid() <= Time::from_seconds(60.0)) {
+            preprocessor.push(&reading, &mut |measurement| measurements.push(measurement));
+        }
+        let run = |filter: &mut ChosenEstimator, from: f64, until: f64| -> Option<Solution> {
+            let among = |m: &&Measurement| (from..until).contains(&m.t_valid().as_seconds());
+            let solutions = measurements.iter().filter(among).filter_map(|m| filter.ingest(m, Effort::Full).ok()?);
+            solutions.last()
+        };
+        let mut whole = ChosenEstimator::new(&config);
+        whole.set_origin(&preprocessor.origin().expect("it is configured"));
+        let kept = run(&mut whole, 0.0, 40.0).expect("it was solved");
+        let unbroken = run(&mut whole, 40.0, 61.0).expect("it was solved");
+
+        let mut second = ChosenEstimator::new(&config);
+        assert!(!second.resume(&Solution { q_enu_body: [f64::NAN; 4], ..kept }), "no state");
+        assert!(second.resume(&kept));
+        // It hears nothing for 0.3 s, and meets readings that the kept solution holds already.
+        let t_again = kept.t_keyframe as f64 * 1e-9 + 0.3;
+        let late = measurements.iter().find(|m| m.sensor() == Some(Sensor::Ps) && m.t_valid().as_seconds() > 39.0);
+        let ps = Sensor::Ps.index();
+        let before = second.counts()[ps].rejected[RejectReason::BeforeStart.index()];
+        second.ingest(late.expect("depths come"), Effort::Full).expect("a valid measurement");
+        assert_eq!(second.counts()[ps].rejected[RejectReason::BeforeStart.index()], before + 1);
+        let resumed = run(&mut second, t_again, 61.0).expect("it was solved");
+        assert_eq!(resumed.t_keyframe, unbroken.t_keyframe);
+        assert!(resumed.id > kept.id, "numbers go on");
+        for axis in 0..3 {
+            let difference = resumed.position_enu[axis] - unbroken.position_enu[axis];
+            // The held sample that bridges 0.3 s of waves is off by more than its inflated noise: some velocities are refused.
+            assert!(difference.abs() < 0.1, "{estimator}, axis {axis}: {difference} m");
+        }
     }
 }
