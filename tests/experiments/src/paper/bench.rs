@@ -198,12 +198,22 @@ pub fn rms(row: &[Outcome]) -> [Spread; 3] {
 
 /// Error of a run and its three sigmas along one axis.
 pub fn error_curve(name: &str, outcome: &Outcome, axis: usize, with_band: bool) -> Curve {
+    let shown = || outcome.curve.chunks(outcome.curve.len().div_ceil(CURVE_POINTS).max(1)).map(|of| worst(of, axis));
     let band = |point: &CurvePoint| [point.t, -3.0 * point.sigma_enu[axis], 3.0 * point.sigma_enu[axis]];
     Curve {
         name: name.to_owned(),
-        points: outcome.curve.iter().map(|point| [point.t, point.error_enu[axis]]).collect(),
-        band: if with_band { outcome.curve.iter().map(band).collect() } else { Vec::new() },
+        points: shown().map(|point| [point.t, point.error_enu[axis]]).collect(),
+        band: if with_band { shown().map(band).collect() } else { Vec::new() },
     }
+}
+
+/// Points of a curve on the page: about as many as it has pixels.
+const CURVE_POINTS: usize = 600;
+
+/// Of a stretch, the point that matters. A stretch is never empty.
+fn worst(stretch: &[CurvePoint], axis: usize) -> &CurvePoint {
+    let size = |point: &CurvePoint| point.error_enu[axis].abs();
+    stretch.iter().max_by(|a, b| size(a).total_cmp(&size(b))).expect("chunks have a point")
 }
 
 /// East, north and up errors of several runs over time, one under the other; the band is that of the last.
