@@ -45,8 +45,8 @@ pub enum Change {
     Nothing,
     /// The compass works throughout.
     McpKept,
-    /// It stays at this depth (m), and satellites are seen throughout, as no vehicle sees them there.
-    AtDepth(f64),
+    /// It stays at the surface, where it sees satellites throughout, and the buoys are moored at this depth, m.
+    OverMoorings(f64),
     /// DVL, MCP, PS and GNSS read once a second, so long (s) after the ping.
     AfterPing(f64),
 }
@@ -138,8 +138,8 @@ impl Change {
         match self {
             Change::Nothing => {}
             Change::McpKept => scenario.mcp.iter_mut().for_each(|mcp| mcp.schedule.outages.clear()),
-            Change::AtDepth(depth) => {
-                scenario.vehicle.east_north_depth[2] = depth;
+            Change::OverMoorings(depth) => {
+                scenario.buoys.all.iter_mut().for_each(|buoy| buoy.position_enu[2] = -depth);
                 scenario.gnss.iter_mut().for_each(|gnss| gnss.schedule.outages.clear());
                 for segment in &mut scenario.segments {
                     if matches!(segment.manoeuvre, Manoeuvre::Sink { .. } | Manoeuvre::Rise { .. }) {

@@ -11,7 +11,7 @@ use crate::trial::{Change, Outcome, Trial};
 
 /// Seeds of the table of subsets.
 const SUBSET_SEEDS: u64 = 5;
-/// Of the subsets' mission, m.
+/// Of the buoys of the subsets' mission, m.
 const DEPTH: f64 = 50.0;
 /// Turns, weaving and a change of speed, s.
 const SUBSETS_UNTIL: f64 = 1000.0;
@@ -27,7 +27,7 @@ pub fn run(args: &Args) -> Result<Section, BenchError> {
     let mut section = bench.section(
         "II-a: FGO-ILNS and FGO-ILNS plus",
         "The mission with the errors of Table I. FGO-ILNS: IMU, range differences, depth. FGO-ILNS plus: GNSS until the dive, DVL and MCP too. \
-         The table of subsets has the first 1000 s of the mission without its dive, at a constant depth of 50 m, raw ranges, and fixes throughout (which nobody gets there; so every sensor speaks all the time, and four buoys at the surface tell of up).",
+         The table of subsets has the first 1000 s of the mission without its dive, at the surface with satellites in view, over buoys moored 50 m deep, which tell of up too; raw ranges.",
     );
     let methods: [(u64, &str, &[&str]); 4] = [
         (30, "FGO", &[ILNS[0], ILNS[1], ILNS[2], DIFFERENCES, "fgo.window=30"]),
@@ -111,9 +111,9 @@ fn subsets(bench: &Bench<'_>, section: &mut Section) -> Result<(), BenchError> {
     let trial = |set: u32, seed: u64| {
         let off = AIDING.iter().enumerate().filter(|(at, _)| set >> at & 1 == 0);
         let off: Vec<String> = off.map(|(_, sensor)| format!("{}.enabled=false", sensor.name())).collect();
-        let off: Vec<&str> = off.iter().map(String::as_str).chain(["gnss.max_depth=1000"]).collect();
+        let off: Vec<&str> = off.iter().map(String::as_str).collect();
         let until = bench.until(SUBSETS_UNTIL);
-        Trial { until, change: Change::AtDepth(DEPTH), curve_every: None, ..bench.trial("mission", seed, &off) }
+        Trial { until, change: Change::OverMoorings(DEPTH), curve_every: None, ..bench.trial("mission", seed, &off) }
     };
     let rows: Vec<Vec<Trial>> = sets.iter().map(|&set| (1..=seeds).map(|seed| trial(set, seed)).collect()).collect();
     let outcomes = bench.outcomes("subsets", &rows)?;
