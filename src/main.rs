@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use ilns_replay::{PlotArgs, ReplayArgs, ScoreArgs, SmoothArgs};
+use ilns_replay::{ConvertArgs, PlotArgs, ReplayArgs, ScoreArgs, SmoothArgs};
 use ilns_runtime::exit_with;
 use sim_emulators::simulate::SimulateArgs;
 
@@ -43,6 +43,8 @@ enum Command {
     Simulate(SimulateArgs),
     /// Hold estimates against the truth: errors, spread and how honest the sigmas are.
     Score(ScoreArgs),
+    /// Turn a public data set into a log directory.
+    Convert(ConvertArgs),
     /// Draw a trajectory into an SVG file.
     Plot(PlotArgs),
     /// Show the processes and channels of a running set.
@@ -60,6 +62,7 @@ fn main() -> ExitCode {
         Command::Smooth(args) => exit_with("smooth", ilns_replay::smooth::run(&args)),
         Command::Simulate(args) => exit_with("simulate", sim_emulators::simulate::run(&args)),
         Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
+        Command::Convert(args) => exit_with("convert", ilns_replay::convert::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),

@@ -31,6 +31,15 @@ fn estimate_times(file: &Path) -> Vec<Time> {
 
 #[test]
 fn a_live_run_is_reproduced_by_a_replay_of_its_recording() {
+    assert_reproduced("repeat", "fgo");
+}
+
+#[test]
+fn a_live_run_of_a_filter_is_reproduced_by_a_replay_of_its_recording() {
+    assert_reproduced("filter", "ekf");
+}
+
+fn assert_reproduced(prefix: &str, estimator: &str) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (live, again) = (folder.path().join("live"), folder.path().join("again"));
     let arguments = [
@@ -46,10 +55,12 @@ fn a_live_run_is_reproduced_by_a_replay_of_its_recording() {
         "2",
         "--duration",
         "45",
+        "--estimator",
+        estimator,
         "--out",
         text(&live),
     ];
-    let mut set = Set::start("repeat", &arguments);
+    let mut set = Set::start(prefix, &arguments);
     let (code, errors) = set.end(2 * PATIENCE);
     assert_eq!(code, Some(0), "{errors}");
     assert_nothing_left(&set.prefix);
@@ -62,7 +73,8 @@ fn a_live_run_is_reproduced_by_a_replay_of_its_recording() {
     }
 
     let follow = live.join("estimate.csv");
-    run_ilns(&["replay", text(&live), "--out", text(&again), "--follow", text(&follow)]);
+    let arguments = ["replay", text(&live), "--estimator", estimator, "--out", text(&again), "--follow", text(&follow)];
+    run_ilns(&arguments);
     let read = |path: &Path| std::fs::read_to_string(path).expect("it was written");
     let (published, repeated) = (read(&follow), read(&again.join("estimate.csv")));
     let mut repeated_rows = repeated.lines().skip(1).peekable();

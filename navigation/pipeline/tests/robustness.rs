@@ -118,11 +118,15 @@ fn reading() -> impl Strategy<Value = (i64, u8, [f64; 6])> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 160, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_stream_of_readings_makes_it_panic_or_publish_nan(stream in prop::collection::vec(reading(), 200..900)) {
-        let sets = ["frame.origin=[36.38, 127.36, 0.0]", "initial.position=[0.0, 0.0, -10.0]",
+    fn no_stream_of_readings_makes_it_panic_or_publish_nan(
+        stream in prop::collection::vec(reading(), 200..900),
+        estimator in prop::sample::select(vec!["fgo", "fgo", "ekf", "fkf"]),
+        reset in any::<bool>(),
+    ) {
+        let sets = [&format!("estimator={estimator}"), &format!("kalman.reset={reset}"), "frame.origin=[36.38, 127.36, 0.0]", "initial.position=[0.0, 0.0, -10.0]",
             "initial.velocity=[0.0, 0.0, 0.0]", "initial.quaternion=[1.0, 0.0, 0.0, 0.0]"];
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
         let config = Config::load(&[], &sets).expect("valid");

@@ -4,7 +4,7 @@
 //! log directory --> LogDirectory --> LogReader (one file) | MergedLog (all sensors in one order)
 //! readings      --> LogWriter    --> log directory
 //! estimates     --> EstimateWriter --> estimate.csv, estimate.tum;  Summary --> summary.json
-//! estimate.csv  --> read_estimates
+//! estimate.csv  --> read_estimates;  any .tum --> read_tum
 //! ```
 //!
 //! Every reader streams: a log of a day takes no more memory than one of a minute. Every error names file, line, column
@@ -16,22 +16,33 @@ mod directory;
 mod error;
 mod estimate_reader;
 mod estimate_writer;
+mod foreign;
+mod kaist;
 mod lines;
 mod log_writer;
 mod merged;
+mod oxts;
 mod reader;
 mod rows;
 mod summary;
 mod table;
 mod text_file;
+mod tum_reader;
 
 pub use checkpoint::{CheckpointError, read_checkpoint, write_checkpoint};
 pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};
 pub use estimate_writer::{ESTIMATE_FILES, EstimateWriter};
+pub use foreign::ForeignRows;
+pub use kaist::{
+    KaistEncoder, KaistMounting, kaist_altimeter, kaist_encoder, kaist_encoder_parameters, kaist_global_pose,
+    kaist_gps, kaist_imu, kaist_mounting, kaist_vrs,
+};
 pub use log_writer::{LogWriter, LogWriterOptions};
 pub use merged::MergedLog;
+pub use oxts::{OxtsDrive, OxtsSample, read_oxts};
 pub use reader::{BuoyReader, LblReader, LogReader, read_truth};
 pub use rows::LogRow;
 pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};
+pub use tum_reader::{TumRow, read_tum};
