@@ -19,8 +19,8 @@ use nav_models::state::NavState;
 use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
-    AIDING, AnchorMethod, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason, Sensor,
-    SensorCounts, Solution, SolutionStatus, Time,
+    AIDING, AnchorMethod, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason,
+    Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};

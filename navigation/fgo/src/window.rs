@@ -250,8 +250,7 @@ impl Window {
             // The last pass moves no linearisation point: a link changed but not swept would spoil the prior when its
             // neighbour is marginalised.
             if pass == max_passes {
-                report.converged =
-                    !(oldest_touched..self.nodes.len()).any(|k| self.may_move(k) && self.is_far(k));
+                report.converged = !(oldest_touched..self.nodes.len()).any(|k| self.may_move(k) && self.is_far(k));
                 break;
             }
             if !self.renew_from(oldest_touched, history, imu, &mut report) {
