@@ -460,7 +460,6 @@ mod tests {
         let world = world(&config);
         let expected = inserted(&config, &world);
         let off = apart(&joint(&config, &world, 1.0), &expected);
-        println!("inserted {off:e}");
         assert!(off < 1e-7, "{off:e}");
         let independent = apart(&joint(&config, &world, -1.0), &expected);
         assert!(independent > 1e-3, "the test could not fail: {independent:e}");

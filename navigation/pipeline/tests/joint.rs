@@ -77,11 +77,9 @@ fn a_late_reading_in_the_joint_form_gives_the_answer_of_one_in_time() {
             let (late, came) = held_back(sensor, taken, delay, &exactly());
             let (expected, found) = first_after(&in_time, &late, came);
             let off = distance(expected, found);
-            println!("{} {delay} s late: {off:e} m", sensor.name());
             assert!(off < 1e-6, "{} {delay} s late: {off:e} m", sensor.name());
             // That it is in is seen before it comes.
             let (with, without) = first_after(&in_time, &late, Time::from_seconds(taken + 0.9));
-            println!("   without {:e}", distance(with, without));
             assert!(distance(with, without) > 1e-6, "{} makes no difference", sensor.name());
         }
     }
@@ -100,7 +98,6 @@ fn a_late_ping_or_reading_by_default_gives_nearly_the_answer_of_one_in_time() {
             let (in_time, _) = held_back(sensor, taken, 0.0, &sets);
             let (late, came) = held_back(sensor, taken, 2.0, &sets);
             let (expected, found) = first_after(&in_time, &late, came);
-            println!("{sets:?} {}: {} sigma", sensor.name(), sigmas(expected, found));
             assert!(sigmas(expected, found) < 0.05, "{}: {} sigma", sensor.name(), sigmas(expected, found));
         }
     }
