@@ -19,8 +19,8 @@ use nav_models::state::NavState;
 use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
-    AIDING, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason, Sensor,
-    SensorCounts, Solution, SolutionStatus, Time,
+    AIDING, AnchorMethod, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason,
+    Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
@@ -63,21 +63,26 @@ pub struct FgoEstimator {
 impl FgoEstimator {
     /// An estimator without origin: it waits for [`FgoEstimator::set_origin`].
     pub fn new(config: &Config) -> FgoEstimator {
+        let mut config = config.clone();
+        if config.navigator.keyframes.anchor == AnchorMethod::Joint {
+            // The columns beside the chain know nothing of the readings that are in an interval's factor.
+            config.navigator.sensors.iter_mut().for_each(|sensor| sensor.time_offset = sensor.time_offset.as_given());
+        }
         FgoEstimator {
-            config: config.clone(),
             imu: ImuModel { noise: config.vehicle.imu.clone(), gate: config.navigator.imu },
             window: None,
-            initialiser: Initialiser::new(config),
+            initialiser: Initialiser::new(&config),
             history: ImuHistory::with_capacity(8 * INTERVAL_SAMPLES),
             open: OpenInterval::with_capacity(INTERVAL_SAMPLES),
             pending: Vec::with_capacity(256),
-            ties: Ties::new(config),
+            ties: Ties::new(&config),
             realignment: Realignment::default(),
             newest_covariance: Block::zeros(),
             solutions: 0,
             report: KeyframeReport::empty(),
             is_started: false,
             t_resumed: Time::MIN,
+            config,
         }
     }
 
@@ -85,8 +90,16 @@ impl FgoEstimator {
     pub fn set_origin(&mut self, origin: Geodetic) {
         if self.window.is_none() {
             let world = WorldModel::new(origin, &self.config);
-            self.window = Some(Window::new(self.config.navigator.fgo, world));
+            self.window = Some(self.empty_window(world));
         }
+    }
+
+    fn empty_window(&self, world: WorldModel) -> Window {
+        let mut window = Window::new(self.config.navigator.fgo, world);
+        if self.config.navigator.keyframes.anchor == AnchorMethod::Joint {
+            window.join_intervals();
+        }
+        window
     }
 
     /// Takes up from a solution of an earlier run of this estimator: its keyframe becomes the first, its covariance the
@@ -98,7 +111,7 @@ impl FgoEstimator {
             return false;
         }
         let world = WorldModel::new(Geodetic::from_degrees(lat_deg, lon_deg, height), &self.config);
-        let mut window = Window::new(self.config.navigator.fgo, world);
+        let mut window = self.empty_window(world);
         if window.start(Time(solution.t_keyframe), &state, &covariance).is_err() {
             return false;
         }
@@ -253,6 +266,7 @@ impl FgoEstimator {
         let ready = self.ties.sort_out(&mut self.pending, t);
         self.ties.tie_all(&self.pending[..ready], window, &closing, &mut self.report);
         self.pending.drain(..ready);
+        window.join(&self.history, &self.imu);
         self.report.cost[0] = window.cost();
 
         let max_passes = match effort {

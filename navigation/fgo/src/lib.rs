@@ -8,6 +8,7 @@
 //! | `node.rs` | what is tied to one keyframe? |
 //! | `interval.rs` | which IMU samples lie between two keyframes, and what do they add up to? |
 //! | `factor.rs` | what does one measurement say, whitened? |
+//! | `joint.rs` | what if it and the samples around it owe their errors to the same noise? |
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
 //! | `realignment.rs` | what if the heading itself is wrong? |
@@ -23,6 +24,7 @@ mod columns;
 mod estimator;
 mod factor;
 mod interval;
+mod joint;
 mod node;
 mod realignment;
 mod rows;

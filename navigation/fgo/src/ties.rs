@@ -202,7 +202,9 @@ impl Ties {
             window.tie(index, &self.epoch_factors, &self.epoch_rows);
         } else {
             for candidate in &self.epoch {
-                window.tie(index, core::slice::from_ref(&candidate.factor), candidate.rows.as_slice());
+                if !window.tie_jointly(index, &candidate.factor, &candidate.rows) {
+                    window.tie(index, core::slice::from_ref(&candidate.factor), candidate.rows.as_slice());
+                }
             }
         }
     }

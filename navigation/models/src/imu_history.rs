@@ -155,6 +155,40 @@ impl ImuHistory {
         step(&end, inflation(t_last, to));
         Some(piece)
     }
+
+    /// Preintegrates once from `from` on and gives each of `ends`, which are in order and not before `from`, the prefix up
+    /// to it. `None` where the history ends before the last of them.
+    pub fn prefixes<T>(
+        &self,
+        from: Time,
+        ends: impl Iterator<Item = (Time, T)>,
+        (accel_bias, gyro_bias): (&Vector3<f64>, &Vector3<f64>),
+        model: &ImuModel,
+        mut give: impl FnMut(T, &Preintegration),
+    ) -> Option<()> {
+        let mut run = Preintegration::new(*accel_bias, *gyro_bias);
+        let mut last = TimedPoint { t: from, point: self.at(from)? };
+        let mut samples = self.between(from, Time::MAX).peekable();
+        for (t, end) in ends {
+            while let Some(next) = samples.next_if(|sample| sample.t <= t) {
+                let dt = next.t - last.t;
+                run.step(&model.noise, dt.as_seconds(), &last.point, &next.point, model.inflation(dt));
+                last = *next;
+            }
+            if t == last.t {
+                give(end, &run);
+                continue;
+            }
+            // The main run goes on unsplit.
+            let next = samples.peek()?;
+            let at = interpolate(&last, next, t);
+            let mut side = run;
+            let inflation = model.inflation(next.t - last.t);
+            side.step(&model.noise, (t - last.t).as_seconds(), &last.point, &at, inflation);
+            give(end, &side);
+        }
+        Some(())
+    }
 }
 
 /// The sample at `t` on the straight line between two.
