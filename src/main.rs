@@ -9,6 +9,7 @@ use sim_emulators::simulate::SimulateArgs;
 
 mod child;
 mod hold;
+mod latency;
 mod plan;
 mod processes;
 mod run;
@@ -45,6 +46,11 @@ enum Command {
     Score(ScoreArgs),
     /// Draw a trajectory into an SVG file.
     Plot(PlotArgs),
+    /// Measure how long a sample takes to an estimate and to a consumer, beside bare hops in the same run.
+    Latency(latency::LatencyArgs),
+    /// Send the bare messages that `latency` measures beside its own.
+    #[command(name = latency::SENDER, hide = true)]
+    ReferenceSender(latency::SenderArgs),
     /// Show the processes and channels of a running set.
     Status(status::StatusArgs),
     /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
@@ -61,6 +67,8 @@ fn main() -> ExitCode {
         Command::Simulate(args) => exit_with("simulate", sim_emulators::simulate::run(&args)),
         Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
+        Command::Latency(args) => exit_with("latency", latency::run(&args)),
+        Command::ReferenceSender(args) => exit_with(latency::SENDER, latency::send_references(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),
         Command::Process(command) => exit_with(command.name(), command.run()),

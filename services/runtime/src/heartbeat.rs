@@ -1,49 +1,14 @@
 //! What a process says of itself, twice a second: CPU, memory, counts and latency distributions.
 
-use hdrhistogram::Histogram;
 use rustix::param::page_size;
 use rustix::time::ClockId;
-use shared_types::{Header, Heartbeat, HopLatency, Process, ProcessState, Sensor, SensorHealth, Time};
+use shared_types::{Header, Heartbeat, Process, ProcessState, Sensor, SensorHealth, Time};
 
 use crate::clock::{monotonic_now, nanoseconds};
+use crate::latency::Latency;
 
 /// Between two heartbeats, ns.
 pub const BEAT: i64 = 500_000_000;
-
-/// Longest latency told apart from longer ones, ns.
-const LONGEST: u64 = 60_000_000_000;
-
-/// A latency distribution since the process began. Recording allocates nothing and costs some 15 ns.
-#[derive(Clone, Debug)]
-pub struct Latency(Histogram<u64>);
-
-impl Latency {
-    /// Nothing recorded yet; 1 ns to a minute, two significant digits.
-    pub fn new() -> Latency {
-        Latency(Histogram::new_with_bounds(1, LONGEST, 2).expect("1 < LONGEST / 2 and 2 digits are in bounds"))
-    }
-
-    /// Records a time in ns; a negative one counts as none.
-    pub fn record(&mut self, ns: i64) {
-        self.0.saturating_record(ns.max(0) as u64);
-    }
-
-    /// In brief.
-    pub fn brief(&self) -> HopLatency {
-        HopLatency {
-            count: self.0.len(),
-            p50_ns: self.0.value_at_quantile(0.5),
-            p99_ns: self.0.value_at_quantile(0.99),
-            max_ns: self.0.max(),
-        }
-    }
-}
-
-impl Default for Latency {
-    fn default() -> Latency {
-        Latency::new()
-    }
-}
 
 /// Keeps a process's own account and makes heartbeats of it.
 #[derive(Clone, Debug)]
@@ -173,14 +138,5 @@ mod tests {
         assert!(builder.beat(1_000).is_some());
         assert!(builder.beat(1_000 + BEAT - 1).is_none());
         assert!(builder.beat(1_000 + BEAT).is_some());
-    }
-
-    #[test]
-    fn a_latency_beyond_every_bound_is_recorded_as_the_longest() {
-        let mut latency = Latency::new();
-        latency.record(i64::MAX);
-        latency.record(-5);
-        assert_eq!(latency.brief().count, 2);
-        assert!(latency.brief().max_ns >= LONGEST);
     }
 }

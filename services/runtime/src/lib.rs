@@ -20,6 +20,7 @@ mod configuration;
 mod error;
 mod exit;
 mod heartbeat;
+mod latency;
 mod logging;
 mod shutdown;
 
@@ -28,6 +29,7 @@ pub use clock::{StartClock, monotonic_now};
 pub use configuration::{load_config, read_config_text};
 pub use error::RuntimeError;
 pub use exit::{FAILURE, exit_with, one_line};
-pub use heartbeat::{BEAT, HeartbeatBuilder, Latency};
+pub use heartbeat::{BEAT, HeartbeatBuilder};
+pub use latency::Latency;
 pub use logging::start_logging;
 pub use shutdown::Shutdown;
