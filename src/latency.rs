@@ -4,13 +4,15 @@
 //! Times are one-way, from the sender's stamp to the receiver's, on CLOCK_MONOTONIC, unfiltered: whatever was published in
 //! the window of measurement counts, and what got lost is told.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::thread;
 
 use ilns_bus::{Owner, Prefix};
-use ilns_runtime::{Shutdown, StartClock, load_config, monotonic_now, start_logging};
+use ilns_runtime::{ProcessFile, RealTime, Shutdown, StartClock, load_config, monotonic_now, start_logging};
+use shared_types::Process;
 use sim_emulators::simulate::PresetName;
 use sim_emulators::source::{Source, SourceArgs};
 
@@ -21,6 +23,7 @@ use crate::supervisor::Supervisor;
 mod consumer;
 mod load;
 mod mission;
+mod page_faults;
 mod reference;
 mod report;
 mod trace;
@@ -45,6 +48,10 @@ pub struct LatencyArgs {
     /// Print one JSON object instead of a table.
     #[arg(long)]
     json: bool,
+    /// TOML file with cores, priorities and wake-ups of the processes. The bare hops get the same: their sender what
+    /// emulator-imu has, their receivers and the consumer what propagator has, but for its core.
+    #[arg(long, value_name = "FILE")]
+    processes: Option<PathBuf>,
     /// Write a trace of every sample for Perfetto (ui.perfetto.dev) or chrome://tracing.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
@@ -134,6 +141,8 @@ pub fn run(args: &LatencyArgs) -> Outcome {
         Some(name) => Prefix::new(name)?,
         None => Prefix::new(&format!("latency-{}", std::process::id()))?,
     };
+    let processes = args.processes.as_deref().map(ProcessFile::read).transpose()?.unwrap_or_default();
+    let receiver = RealTime::of(Process::Propagator, args.processes.as_deref())?.anywhere();
     // A path that cannot be written is told before the measurement, not after it.
     let trace = args.trace.as_deref().map(|file| trace::create(file).map_err(|e| LatencyError::Trace(file.into(), e)));
     let trace = trace.transpose()?;
@@ -150,38 +159,45 @@ pub fn run(args: &LatencyArgs) -> Outcome {
     };
     let source = Source::open(&source_args)?;
     let config = load_config(source.config().as_slice(), None, &[])?;
-    let wishes = Wishes { source: &source_args, duration: None, out: None, headless: true };
+    let wishes = Wishes { source: &source_args, duration: None, out: None, headless: true, processes: &processes };
     let clock = StartClock { data: mission::START, mono: monotonic_now() + LEAD, rate: 1.0 };
-    let common = common_arguments(&prefix, &config, &clock, &args.log_level)?;
+    let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, &args.log_level)?;
 
     let window = Window::new();
     // Children first: a process is told of the end of the thread that started it, which is this one.
-    let references = References::start(&prefix, &clock, args.rate, &window)?;
-    let consumer = Consumer::start(&prefix, &window, args.trace.is_some());
+    let references = References::start(&prefix, &clock, args.rate, args.processes.as_deref(), receiver, &window)?;
+    let consumer = Consumer::start(&prefix, receiver, &window, args.trace.is_some());
     let mut supervisor = Supervisor::start(owner, children(&wishes, &source), common)?;
     let measured = measure(args, &mut supervisor, &consumer, &window, &shutdown);
     window.close();
     let references = references.finish();
     let consumed = consumer.finish();
     supervisor.stop();
-    let load_average = measured?;
+    let conditions = measured?;
     let (references, consumed) = (references?, consumed?);
     if let (Some(file), Some(path)) = (trace, &args.trace) {
         trace::write(file, &consumed).map_err(|e| LatencyError::Trace(path.clone(), e))?;
     }
-    let report = Report::new(args.rate, args.duration, args.load, load_average, &consumed, &references);
+    let report = Report::new(args, receiver.polls(), conditions, &consumed, &references);
     print(&if args.json { serde_json::to_string(&report)? } else { report.table() });
     Ok(())
 }
 
-/// Waits for the first navigating estimate, then for the window to pass; returns the machine's load average meanwhile.
+/// How the machine was while it was measured.
+#[derive(Debug)]
+struct Conditions {
+    load_average: f64,
+    page_faults: BTreeMap<&'static str, page_faults::PageFaults>,
+}
+
+/// Waits for the first navigating estimate, then for the window to pass.
 fn measure(
     args: &LatencyArgs,
     supervisor: &mut Supervisor,
     consumer: &Consumer,
     window: &Window,
     shutdown: &Shutdown,
-) -> Result<f64, LatencyError> {
+) -> Result<Conditions, LatencyError> {
     let patience = monotonic_now() + PATIENCE;
     while !consumer.navigates() {
         supervisor.watch();
@@ -196,18 +212,23 @@ fn measure(
     let from = monotonic_now() + WARM_UP;
     let until = from + (args.duration * 1e9) as i64;
     window.open(from, until);
+    let mut faults_before = None;
     while monotonic_now() < until {
         supervisor.watch();
+        if faults_before.is_none() && monotonic_now() >= from {
+            faults_before = Some(page_faults::count(supervisor));
+        }
         if shutdown.requested() {
             return Err(LatencyError::Stopped);
         }
     }
+    let page_faults = page_faults::between(&faults_before.unwrap_or_default(), &page_faults::count(supervisor));
     let load_average = load::average();
     drop(load);
     while monotonic_now() < until + DRAIN && !shutdown.requested() {
         supervisor.watch();
     }
-    Ok(load_average)
+    Ok(Conditions { load_average, page_faults })
 }
 
 /// What a joined thread gives back.

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 
 use ilns_bus::{Bus, BusError, Prefix, Reader, Subscriber};
-use ilns_runtime::{Latency, monotonic_now};
+use ilns_runtime::{Latency, RealTime, monotonic_now};
 use shared_types::{Heartbeat, ImuSample, Mode, NavEstimate, Process, Sensor, Solution, channel};
 
 use super::{LatencyError, Window, joined};
@@ -76,10 +76,13 @@ pub(super) struct Consumer {
 
 impl Consumer {
     /// Joins the set in a thread of its own: ports belong to the thread that made them.
-    pub(super) fn start(prefix: &Prefix, window: &Arc<Window>, traces: bool) -> Consumer {
+    pub(super) fn start(prefix: &Prefix, real_time: RealTime, window: &Arc<Window>, traces: bool) -> Consumer {
         let navigates = Arc::new(AtomicBool::new(false));
         let (there, window, flag) = (prefix.clone(), Arc::clone(window), Arc::clone(&navigates));
-        let thread = thread::spawn(move || consume(&there, &window, &flag, traces).map_err(|error| error.to_string()));
+        let thread = thread::spawn(move || {
+            real_time.enter();
+            consume(&there, &window, &flag, traces).map_err(|error| error.to_string())
+        });
         Consumer { thread, navigates }
     }
 

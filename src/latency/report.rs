@@ -6,7 +6,9 @@ use serde::Serialize;
 use shared_types::{Heartbeat, HopLatency, Process};
 
 use super::consumer::Consumed;
+use super::page_faults::PageFaults;
 use super::reference::{Hop, Measured};
+use super::{Conditions, LatencyArgs};
 
 /// A latency distribution in µs.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -65,7 +67,10 @@ pub(super) struct Report {
     duration_s: f64,
     load: bool,
     load_average: f64,
+    /// Of the propagator and of the receivers of the bare hops.
     wake_up: &'static str,
+    /// Of the processes whose loops allocate nothing, within the window.
+    page_faults: BTreeMap<&'static str, PageFaults>,
     /// By name. The first two within the window; the rest as each process tells of itself since its start.
     hops: BTreeMap<&'static str, Distribution>,
     end_to_end: Distribution,
@@ -93,10 +98,9 @@ const ESTIMATE_TO_CONSUMER: &str = "estimate_to_consumer";
 
 impl Report {
     pub(super) fn new(
-        rate_hz: u32,
-        duration_s: f64,
-        load: bool,
-        load_average: f64,
+        args: &LatencyArgs,
+        polls: bool,
+        conditions: Conditions,
         consumed: &Consumed,
         references: &Measured,
     ) -> Report {
@@ -118,11 +122,12 @@ impl Report {
             reference: references.iceoryx2.lost + references.unix_socket.lost + references.pipe.lost,
         };
         Report {
-            rate_hz,
-            duration_s,
-            load,
-            load_average,
-            wake_up: "event",
+            rate_hz: args.rate,
+            duration_s: args.duration,
+            load: args.load,
+            load_average: conditions.load_average,
+            wake_up: if polls { "poll" } else { "event" },
+            page_faults: conditions.page_faults,
             hops,
             end_to_end: consumed.end_to_end.brief().into(),
             reference: Reference {
@@ -183,6 +188,9 @@ impl Report {
             losses.estimates_at_consumer,
             losses.reference
         ));
+        let faults = |(name, faults): (&&str, &PageFaults)| format!("{name} {faults}");
+        let faults: Vec<String> = self.page_faults.iter().map(faults).collect();
+        lines.push(format!("page faults (minor + major): {}", faults.join(", ")));
         lines.join("\n")
     }
 }

@@ -1,21 +1,28 @@
 //! What a process says of itself, twice a second: CPU, memory, counts and latency distributions.
 
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+
 use rustix::param::page_size;
 use rustix::time::ClockId;
 use shared_types::{Header, Heartbeat, Process, ProcessState, Sensor, SensorHealth, Time};
 
 use crate::clock::{monotonic_now, nanoseconds};
 use crate::latency::Latency;
+use crate::notify::Notify;
 
 /// Between two heartbeats, ns.
 pub const BEAT: i64 = 500_000_000;
 
 /// Keeps a process's own account and makes heartbeats of it.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct HeartbeatBuilder {
     process: Process,
     restarts: u32,
     next_beat: i64,
+    /// Kept open: opening it anew would allocate in somebody's loop.
+    statm: Option<File>,
+    notify: Notify,
     /// Where the process stands.
     pub state: ProcessState,
     /// Messages that it published and no queue took.
@@ -39,6 +46,8 @@ impl HeartbeatBuilder {
             process,
             restarts: epoch,
             next_beat: i64::MIN,
+            statm: File::open("/proc/self/statm").ok(),
+            notify: Notify::from_environment(),
             state: ProcessState::Starting,
             dropped: 0,
             handled: 0,
@@ -51,8 +60,13 @@ impl HeartbeatBuilder {
 
     /// Counts a message received on the main input.
     pub fn received(&mut self, header: &Header) {
+        self.received_at(header, monotonic_now());
+    }
+
+    /// As [`HeartbeatBuilder::received`], where the monotonic time of receipt is known already.
+    pub fn received_at(&mut self, header: &Header, mono: i64) {
         self.handled += 1;
-        self.hop_in.record(monotonic_now() - header.t_published);
+        self.hop_in.record(mono - header.t_published);
     }
 
     /// Counts a reading of a sensor, received or sent.
@@ -72,9 +86,11 @@ impl HeartbeatBuilder {
         Some(self.build())
     }
 
-    /// The next heartbeat is due one period after the monotonic time `now`.
+    /// The next heartbeat is due one period after the monotonic time `now`. Called from a process's loop, it also tells the
+    /// service manager that the loop goes round.
     pub fn rest(&mut self, now: i64) {
         self.next_beat = now + BEAT;
+        self.notify.progress();
     }
 
     /// When the next heartbeat is due, monotonic ns.
@@ -91,7 +107,7 @@ impl HeartbeatBuilder {
             pid: std::process::id(),
             restarts: self.restarts,
             cpu_ns: nanoseconds(ClockId::ProcessCPUTime) as u64,
-            resident_bytes: resident_bytes(),
+            resident_bytes: self.resident_bytes(),
             dropped: self.dropped,
             handled: self.handled,
             sensors: self.sensors,
@@ -100,13 +116,16 @@ impl HeartbeatBuilder {
             work: self.work.brief(),
         }
     }
-}
 
-/// 0 where the system does not tell.
-fn resident_bytes() -> u64 {
-    let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    let pages: u64 = statm.split_whitespace().nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0);
-    pages * page_size() as u64
+    /// 0 where the system does not tell.
+    fn resident_bytes(&self) -> u64 {
+        // Seven numbers of pages; the second is what is resident.
+        let mut text = [0; 128];
+        let length = self.statm.as_ref().and_then(|statm| statm.read_at(&mut text, 0).ok()).unwrap_or(0);
+        let text = core::str::from_utf8(&text[..length]).unwrap_or_default();
+        let pages: u64 = text.split_whitespace().nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0);
+        pages * page_size() as u64
+    }
 }
 
 #[cfg(test)]

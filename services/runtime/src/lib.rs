@@ -22,6 +22,9 @@ mod exit;
 mod heartbeat;
 mod latency;
 mod logging;
+mod notify;
+mod process_file;
+mod real_time;
 mod shutdown;
 
 pub use arguments::{DEFAULT_PREFIX, NavigatorArgs, ProcessArgs};
@@ -32,4 +35,6 @@ pub use exit::{FAILURE, exit_with, one_line};
 pub use heartbeat::{BEAT, HeartbeatBuilder};
 pub use latency::Latency;
 pub use logging::start_logging;
+pub use process_file::{ProcessFile, ProcessFileError, ProcessSettings, WakeUp};
+pub use real_time::RealTime;
 pub use shutdown::Shutdown;

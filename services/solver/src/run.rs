@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use ilns_bus::{Bus, Prefix, Reader};
+use ilns_bus::{Bus, Prefix, Reader, Waiter};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use nav_pipeline::{ChosenEstimator, Effort, Estimator, EstimatorError};
 use rustix::time::{ClockId, clock_gettime};
@@ -39,11 +39,12 @@ pub fn run(args: &Args) -> Result<(), SolverError> {
 /// [`SolverError`] when it cannot begin.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     let config = args.process.load_config()?;
+    let real_time = args.process.real_time(Process::Solver)?;
     let prefix = Prefix::new(&args.process.prefix)?;
     let bus = Bus::join(&prefix, Process::Solver, args.process.epoch)?;
     let mut inputs = Inputs::open(&bus)?;
     let mut outputs = Outputs::open(&bus)?;
-    let waiter = bus.waiter(Reader::Solver)?;
+    let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Solver)? };
     let mut estimator = ChosenEstimator::new(&config);
     take_up(&mut estimator, &prefix.run_directory());
     let keeper = Keeper::start(&prefix.run_directory());
@@ -51,6 +52,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     heartbeat.state = ProcessState::Running;
     let mut waiting = VecDeque::with_capacity(inputs_capacity());
     let mono_start = monotonic_now();
+    real_time.enter();
 
     while !shutdown.requested() {
         waiter.wait();
