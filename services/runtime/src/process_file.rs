@@ -4,7 +4,7 @@
 //! [propagator]            # a process by the name that `ilns status` shows
 //! core = 1                # bind it to this core
 //! priority = 80           # SCHED_FIFO, 1 to 99; absent: ordinary scheduling
-//! wake_up = "poll"        # "event" (default): sleep until rung; "poll": look without end, on a core of its own
+//! wake_up = "event"       # sleep until rung (default); "poll": look without end, on a core of its own, without a priority
 //! lock_memory = true      # no page of it may be swapped out or is faulted in late
 //!
 //! [emulator-dvl]
@@ -206,6 +206,10 @@ fn polls_alone(
     let Some(core) = own.core else {
         return Err(format!("`{process}` polls and therefore needs a core of its own; give it `core`"));
     };
+    // The kernel takes a real-time thread that never sleeps off its core for 50 ms in every second.
+    if own.priority.is_some() {
+        return Err(format!("`{process}` polls, and the kernel throttles a poller with a `priority`; leave that out"));
+    }
     match all.iter().find(|(other, settings)| **other != process && settings.core == Some(core)) {
         Some((other, _)) => {
             Err(format!("`{process}` polls core {core}, to which `{other}` is bound too; give it another"))
@@ -246,19 +250,20 @@ mod tests {
     #[test]
     fn settings_are_read_and_who_is_not_named_has_none() {
         let file = parsed(
-            "[propagator]\ncore = 1\npriority = 80\nwake_up = \"poll\"\nlock_memory = true\n\
-             [emulator-dvl]\nexternal = true\n",
+            "[propagator]\ncore = 1\nwake_up = \"poll\"\nlock_memory = true\n\
+             [emulator-dvl]\nexternal = true\npriority = 80\n",
         )
         .expect("valid");
         let propagator = ProcessSettings {
             external: false,
             core: Some(1),
-            priority: Some(80),
+            priority: None,
             wake_up: WakeUp::Poll,
             lock_memory: true,
         };
         assert_eq!(file.of(Process::Propagator), propagator);
         assert!(file.is_external(Process::EmulatorDvl) && !file.is_external(Process::EmulatorImu));
+        assert_eq!(file.of(Process::EmulatorDvl).priority, Some(80));
         assert_eq!(file.of(Process::Solver), ProcessSettings::default());
     }
 
@@ -287,6 +292,10 @@ mod tests {
             (
                 "[monitor]\ncore = 2\n[solver]\nwake_up = \"poll\"\ncore = 2\n",
                 "p.toml:3: `solver` polls core 2, to which `monitor` is bound too",
+            ),
+            (
+                "[solver]\nwake_up = \"poll\"\ncore = 2\npriority = 5\n",
+                "p.toml:1: `solver` polls, and the kernel throttles a poller with a `priority`",
             ),
             ("[solver\n", "p.toml:1: "),
         ];
