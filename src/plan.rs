@@ -94,6 +94,8 @@ pub fn common_arguments(
     fs::create_dir_all(&directory)?;
     let file = directory.join("effective.toml");
     fs::write(&file, config.to_toml())?;
+    // For drivers that something else starts: they learn data time from it.
+    fs::write(directory.join("start"), clock.to_string())?;
     let mut arguments: Vec<OsString> = vec![
         "--prefix".into(),
         prefix.name().into(),
