@@ -25,7 +25,7 @@ mod summary;
 mod table;
 mod text_file;
 
-pub use checkpoint::{CheckpointError, read_checkpoint, write_checkpoint};
+pub use checkpoint::{CheckpointError, CheckpointTerms, configuration_hash, read_checkpoint, write_checkpoint};
 pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};
