@@ -9,6 +9,7 @@ use sim_emulators::simulate::SimulateArgs;
 
 mod child;
 mod hold;
+mod latency;
 mod plan;
 mod processes;
 mod run;
@@ -47,6 +48,11 @@ enum Command {
     Convert(ConvertArgs),
     /// Draw a trajectory into an SVG file.
     Plot(PlotArgs),
+    /// Measure how long a sample takes to an estimate and to a consumer, beside bare hops in the same run.
+    Latency(latency::LatencyArgs),
+    /// Send the bare messages that `latency` measures beside its own.
+    #[command(name = latency::SENDER, hide = true)]
+    ReferenceSender(latency::SenderArgs),
     /// Show the processes and channels of a running set.
     Status(status::StatusArgs),
     /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
@@ -64,6 +70,8 @@ fn main() -> ExitCode {
         Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
         Command::Convert(args) => exit_with("convert", ilns_replay::convert::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
+        Command::Latency(args) => exit_with("latency", latency::run(&args)),
+        Command::ReferenceSender(args) => exit_with(latency::SENDER, latency::send_references(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),
         Command::Process(command) => exit_with(command.name(), command.run()),

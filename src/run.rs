@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ilns_bus::{Owner, Prefix};
-use ilns_runtime::{DEFAULT_PREFIX, NavigatorArgs, Shutdown, StartClock, monotonic_now, start_logging};
+use ilns_runtime::{DEFAULT_PREFIX, NavigatorArgs, ProcessFile, Shutdown, StartClock, monotonic_now, start_logging};
 use shared_types::{Duration, ProcessState, Time};
 use sim_emulators::process::EMULATORS;
 use sim_emulators::source::{Source, SourceArgs};
@@ -32,6 +32,10 @@ pub struct RunArgs {
     /// Name of this set. Sets with different names run side by side.
     #[arg(long, value_name = "NAME", default_value = DEFAULT_PREFIX)]
     prefix: String,
+    /// TOML file with cores, priorities and wake-ups of the processes, and which of them something else starts, such as a
+    /// real driver.
+    #[arg(long, value_name = "FILE")]
+    processes: Option<PathBuf>,
     /// Show nothing: neither the terminal view nor a page.
     #[arg(long)]
     headless: bool,
@@ -84,13 +88,19 @@ pub fn run(args: &RunArgs) -> Outcome {
     }
     args.out.as_deref().map_or(Ok(()), refuse_used)?;
     let shutdown = Shutdown::on_signals()?;
-    let wishes =
-        Wishes { source: &args.source, duration: args.duration, out: args.out.clone(), headless: args.headless };
+    let processes = args.processes.as_deref().map(ProcessFile::read).transpose()?.unwrap_or_default();
+    let wishes = Wishes {
+        source: &args.source,
+        duration: args.duration,
+        out: args.out.clone(),
+        headless: args.headless,
+        processes: &processes,
+    };
     let plans = children(&wishes, &source);
     let start = source.start()?;
     let owner = Owner::take(&prefix)?;
     let clock = StartClock { data: start, mono: monotonic_now() + LEAD, rate: args.rate };
-    let common = common_arguments(&prefix, &config, &clock, &args.log_level)?;
+    let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, &args.log_level)?;
     let mut supervisor = Supervisor::start(owner, plans, common)?;
     let end = args.duration.map_or(Time::MAX, |seconds| start + Duration::from_seconds(seconds + OVERTIME));
     watch(&mut supervisor, &shutdown, &clock, end);

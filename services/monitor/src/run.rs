@@ -67,6 +67,7 @@ pub fn run(args: &Args) -> Result<(), MonitorError> {
 /// # Errors
 /// [`MonitorError`] when it cannot begin or nobody takes its output.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
+    args.process.real_time(Process::Monitor)?.enter();
     let prefix = Prefix::new(&args.process.prefix)?;
     let bus = Bus::join(&prefix, Process::Monitor, args.process.epoch)?;
     let mut inputs = Inputs::open(&bus)?;

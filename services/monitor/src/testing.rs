@@ -160,9 +160,10 @@ fn heartbeats(model: &mut Model, t: f64, at: i64, lbl_until: f64) {
     preprocessor.sensors[Sensor::Dvl.index()].rejected[RejectReason::OutOfRange.index()] = 1;
     preprocessor.sensors[Sensor::Buoys.index()] = SensorHealth { received: 4, t_newest: 0, ..SensorHealth::NONE };
     model.heartbeat(&preprocessor);
-    let work = HopLatency { count: 123, p50_ns: 118_000, p99_ns: 310_000, max_ns: 1_204_000 };
+    let work = HopLatency { count: 123, p50_ns: 118_000, p99_ns: 310_000, max_ns: 1_204_000, ..HopLatency::default() };
     model.heartbeat(&Heartbeat { work, cpu_ns: cpu(0.002), ..heartbeat(Process::Solver, at) });
-    let end_to_end = HopLatency { count: 24_680, p50_ns: 45_000, p99_ns: 120_000, max_ns: 812_000 };
+    let end_to_end =
+        HopLatency { count: 24_680, p50_ns: 45_000, p99_ns: 120_000, max_ns: 812_000, ..HopLatency::default() };
     model.heartbeat(&Heartbeat { end_to_end, cpu_ns: cpu(0.016), ..heartbeat(Process::Propagator, at) });
 }
 

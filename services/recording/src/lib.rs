@@ -29,7 +29,7 @@ mod table;
 mod text_file;
 mod tum_reader;
 
-pub use checkpoint::{CheckpointError, read_checkpoint, write_checkpoint};
+pub use checkpoint::{CheckpointError, CheckpointTerms, configuration_hash, read_checkpoint, write_checkpoint};
 pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};
