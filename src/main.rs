@@ -14,6 +14,7 @@ mod processes;
 mod run;
 mod status;
 mod supervisor;
+mod view;
 
 use processes::ProcessCommand;
 
@@ -45,6 +46,8 @@ enum Command {
     Score(ScoreArgs),
     /// Draw a trajectory into an SVG file.
     Plot(PlotArgs),
+    /// Show a finished run in a browser, with a time slider, or write it into one HTML file.
+    View(view::ViewArgs),
     /// Show the processes and channels of a running set.
     Status(status::StatusArgs),
     /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
@@ -61,6 +64,7 @@ fn main() -> ExitCode {
         Command::Simulate(args) => exit_with("simulate", sim_emulators::simulate::run(&args)),
         Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
+        Command::View(args) => exit_with("view", view::run(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),
         Command::Process(command) => exit_with(command.name(), command.run()),

@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use ilns_bus::Prefix;
@@ -28,6 +29,10 @@ pub struct Wishes<'a> {
     pub out: Option<PathBuf>,
     /// Nothing is shown.
     pub headless: bool,
+    /// Where the monitor serves its page.
+    pub web: Option<SocketAddr>,
+    /// File with the token that the page asks for.
+    pub web_token: Option<PathBuf>,
 }
 
 /// The processes of a run, in the order of their start.
@@ -58,6 +63,14 @@ fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
         && let Some(out) = &wishes.out
     {
         push("--out", out.into());
+    }
+    if process == Process::Monitor
+        && let Some(address) = wishes.web
+    {
+        push("--web", address.to_string().into());
+        if let Some(token) = &wishes.web_token {
+            push("--web-token", token.into());
+        }
     }
     if EMULATORS.contains(&process) {
         match &wishes.source.log {

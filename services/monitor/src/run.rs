@@ -13,12 +13,16 @@ use crate::model::Model;
 use crate::ports::Inputs;
 use crate::screen::{Screen, json, print};
 use crate::terminal;
+use crate::web::{Look, Page, WebArgs, listen};
 
 /// Between two looks at the channels, ns. The estimates' queue holds a second at ten times their usual rate.
 const LOOK: i64 = 100_000_000;
 
 /// How long `--once` listens, ns: two heartbeats of everybody, and a bit.
 const LISTEN: i64 = 1_300_000_000;
+
+/// Between two tries to serve the page, ns: a dead predecessor's port is free in a moment.
+const RETRY: i64 = 1_000_000_000;
 
 /// Wide enough for every reason of refusal.
 const WIDE: usize = 160;
@@ -46,6 +50,9 @@ pub struct Args {
     /// How to show it: in place on a terminal, as one line per second, or not at all.
     #[arg(long, value_enum, default_value_t = View::Auto, value_name = "VIEW")]
     pub view: View,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub web: WebArgs,
     /// Listen for a second, print what is known, and end.
     #[arg(long)]
     pub once: bool,
@@ -74,6 +81,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     if args.once {
         return look_once(args, shutdown, &mut inputs, &mut model);
     }
+    let mut window = Window::open(args, &model)?;
     let mut health = bus.publisher(&channel::HEALTH)?;
     let mut heartbeat = HeartbeatBuilder::new(Process::Monitor, args.process.epoch);
     heartbeat.state = ProcessState::Running;
@@ -83,6 +91,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
         let begun = monotonic_now();
         heartbeat.handled += inputs.drain(&mut model);
         model.settle(begun);
+        window.show(&mut model, begun);
         if screen.is_due(begun)
             && let Err(error) = screen.show(&model.snapshot(), begun)
         {
@@ -102,6 +111,59 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     heartbeat.state = ProcessState::Stopping;
     health.publish(heartbeat.build());
     Ok(())
+}
+
+/// The page, or the wish for one.
+struct Window<'a> {
+    args: &'a Args,
+    page: Option<Page>,
+    /// When to try again, monotonic ns.
+    retry_at: i64,
+    has_complained: bool,
+}
+
+impl Window<'_> {
+    fn open<'a>(args: &'a Args, model: &Model) -> Result<Window<'a>, MonitorError> {
+        let mut window = Window { args, page: None, retry_at: i64::MIN, has_complained: false };
+        match window.try_open(model) {
+            // Navigation has begun: a page that is late is better than none.
+            Err(error) if args.process.supervisor.is_some() => window.complain(&error, monotonic_now()),
+            opened => opened?,
+        }
+        Ok(window)
+    }
+
+    fn try_open(&mut self, model: &Model) -> Result<(), MonitorError> {
+        if let Some(address) = self.args.web.web {
+            let (listener, token) = listen(address, self.args.web.web_token.as_deref())?;
+            let page = Page::open(listener, token, model.snapshot())?;
+            if self.args.process.supervisor.is_none() {
+                eprintln!("ilns monitor: page at http://{}", page.address());
+            }
+            self.page = Some(page);
+        }
+        Ok(())
+    }
+
+    fn complain(&mut self, error: &MonitorError, now: i64) {
+        if !self.has_complained {
+            warn!(%error, "no page yet; trying again every second");
+        }
+        (self.has_complained, self.retry_at) = (true, now + RETRY);
+    }
+
+    fn show(&mut self, model: &mut Model, now: i64) {
+        if self.page.is_none()
+            && self.has_complained
+            && now >= self.retry_at
+            && let Err(error) = self.try_open(model)
+        {
+            self.complain(&error, now);
+        }
+        if let Some(page) = &mut self.page {
+            page.show(Look { snapshot: model.snapshot(), news: model.take_news() });
+        }
+    }
 }
 
 /// Sleeps until the next look or a signal. One wake-up a look: this process need not end sooner than that.

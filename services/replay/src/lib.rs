@@ -11,6 +11,7 @@ mod args;
 mod background;
 mod chart;
 mod error;
+mod navigate;
 mod origin;
 mod output;
 pub mod plot;
@@ -23,6 +24,7 @@ mod thinned;
 
 pub use args::ReplayArgs;
 pub use error::ReplayError;
+pub use navigate::{Watcher, navigate};
 pub use output::{ReplayOutput, RunFacts};
 pub use plot::PlotArgs;
 pub use progress::Progress;
