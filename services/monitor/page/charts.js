@@ -23,6 +23,20 @@ ilns.views.charts = (() => {
     return [cut(times), ...columns.map(cut)];
   };
 
+  /** Lines end where nothing was heard for long: a point without values stands in each such gap. */
+  const withGaps = (data, gap) => {
+    const out = data.map(() => []);
+    data[0].forEach((t, index) => {
+      const before = data[0][index - 1];
+      if (index > 0 && t - before > gap) out.forEach((column, place) => column.push(place === 0 ? (t + before) / 2 : null));
+      out.forEach((column, place) => column.push(data[place][index]));
+    });
+    return out;
+  };
+
+  /** Longer than this between two points is a gap, s: a fortieth of what is in sight, as far back the points are thin. */
+  const longGap = () => Math.max(5, (timeRange()[1] - timeRange()[0]) / 40);
+
   const cursorLine = (plot) => {
     if (store.cursor === null) return;
     const x = Math.round(plot.valToPos(store.cursor, "x", true));
@@ -62,7 +76,7 @@ ilns.views.charts = (() => {
           x: { time: false, range: timeRange },
           y: log ? { distr: 3, range: (_, low, high) => [Math.min(low ?? 0.1, 0.1), Math.max(high ?? 10, 10)] } : y ? { range: y } : {},
         },
-        axes: [{ ...axis(), size: 22, space: 70 }, { ...axis(), size: 52, space: 22, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif" }],
+        axes: [{ ...axis(), size: 22, space: 70, values: (_, ticks) => ticks.map((tick) => `${tick}`) }, { ...axis(), size: 52, space: 22, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif" }],
         series: [{}, ...series.map((one) => ({ points: { show: false }, ...one }))],
         bands: bands?.map((band) => ({ ...band, fill: () => colour("band") })),
         hooks: {
@@ -124,7 +138,7 @@ ilns.views.charts = (() => {
     const chart = add("nis-charts", {
       title: sensor, height: 92, log: true,
       series: [LINE("accent", 0.5), LINE("accent", 0.5),
-        { stroke: ilns.SENSOR_COLOURS[sensor], width: 0, paths: () => null, points: { show: true, size: 4, fill: ilns.SENSOR_COLOURS[sensor] } },
+        { stroke: ilns.SENSOR_COLOURS[sensor], width: 0, paths: () => null, points: { show: true, size: 3, fill: ilns.SENSOR_COLOURS[sensor] } },
         { stroke: "#d55e00", width: 0, paths: () => null, points: { show: true, size: 7, width: 2 } }],
       bands: [{ series: [2, 1] }],
       make: () => {
@@ -132,7 +146,8 @@ ilns.views.charts = (() => {
         const [time, sums, dofs, no, far] = inSight(t, [nis, rows, refused, largest]);
         const bound = (z) => dofs.map((dof) => (dof > 0 ? Math.max(ilns.chiSquare(dof, z) / dof, 0.01) : null));
         const mean = sums.map((sum, index) => (dofs[index] > 0 ? Math.max(sum / dofs[index], 0.01) : null));
-        return [time, bound(-ilns.Z95), bound(ilns.Z95), mean, no.map((count, index) => (count > 0 ? Math.max(far[index] ** 2, 0.01) : null))];
+        const all = [time, bound(-ilns.Z95), bound(ilns.Z95), mean, no.map((count, index) => (count > 0 ? Math.max(far[index] ** 2, 0.01) : null))];
+        return withGaps(all, longGap());
       },
       say: (data, index) => `NIS/row ${fixed(data[3][index], 2)}  band ${fixed(data[1][index], 2)} to ${fixed(data[2][index], 2)}`,
     });
@@ -142,7 +157,9 @@ ilns.views.charts = (() => {
   for (const sensor of ilns.AIDING) {
     const chart = add("offset-charts", {
       title: sensor, height: 92, unit: "ms",
-      series: [LINE("accent", 0.5), LINE("accent", 0.5), LINE(ilns.SENSOR_COLOURS[sensor], 1.8)],
+      series: [LINE("accent", 0.5), LINE("accent", 0.5),
+        { ...LINE(ilns.SENSOR_COLOURS[sensor], 1.8), points: { show: true, size: 3, fill: ilns.SENSOR_COLOURS[sensor] } }],
+      y: (_, low, high) => [Math.min(low ?? 0, -5), Math.max(high ?? 0, 5)],
       bands: [{ series: [1, 2] }],
       make: () => {
         const { solutions } = store;

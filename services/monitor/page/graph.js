@@ -9,22 +9,35 @@ ilns.views.graph = (() => {
   let shownFor = "";
 
   const label = (keyframe) => {
-    const refused = keyframe.factors.filter((factor) => factor.refused !== null).length;
+    const refused = keyframe.factors.filter((factor) => factor.refused != null).length;
     return `keyframe at ${fixed(keyframe.t, 2)} s: ${keyframe.factors.length - refused} factors used, ${refused} refused`;
   };
 
+  /** One block per sensor, as tall as it has factors; refused ones in a block of their own. */
   const cell = (keyframe) => {
-    const parts = keyframe.factors.map((factor) => {
-      const part = h("i", { class: factor.refused === null ? null : "refused" });
+    const blocks = new Map();
+    for (const factor of inOrder(keyframe)) {
+      const key = `${factor.sensor} ${factor.refused == null}`;
+      const block = blocks.get(key) ?? { factor, count: 0 };
+      block.count += 1;
+      blocks.set(key, block);
+    }
+    const parts = [...blocks.values()].map(({ factor, count }) => {
+      const part = h("i", { class: factor.refused == null ? null : "refused" });
       part.style.background = ilns.SENSOR_COLOURS[factor.sensor];
+      part.style.flexGrow = count;
       return part;
     });
-    const hasRefused = keyframe.factors.some((factor) => factor.refused !== null);
+    const hasRefused = keyframe.factors.some((factor) => factor.refused != null);
     const button = h("button", { class: "cell", role: "option", title: label(keyframe), "aria-label": label(keyframe), "data-t": keyframe.t },
-      ...parts, hasRefused ? h("b", {}, "×") : null, h("span", {}, fixed(keyframe.t, 1)));
+      h("div", {}, ...parts), hasRefused ? h("b", {}, "×") : null, h("span", {}, fixed(keyframe.t, 1)));
     button.addEventListener("click", () => choose(keyframe.t));
     return button;
   };
+
+  /** By sensor, then by time. */
+  const inOrder = (keyframe) => keyframe.factors.toSorted((a, b) =>
+    ilns.AIDING.indexOf(a.sensor) - ilns.AIDING.indexOf(b.sensor) || a.t - b.t || (a.buoy ?? 0) - (b.buoy ?? 0));
 
   const choose = (t) => {
     chosen = t;
@@ -34,7 +47,7 @@ ilns.views.graph = (() => {
   const bars = (whitened) => {
     const box = h("span", { class: "bars", title: `${whitened.map((value) => fixed(value, 2)).join(", ")} σ, of ±5` });
     whitened.forEach((value, index) => {
-      if (value === null) return;
+      if (value == null) return;
       const part = h("i", { class: Math.abs(value) > 3 ? "far" : null });
       const reach = (Math.min(Math.abs(value), 5) / 5) * 50;
       part.style.left = `${value < 0 ? 50 - reach : 50}%`;
@@ -49,12 +62,12 @@ ilns.views.graph = (() => {
   const row = (factor, keyframe) => {
     const name = h("span", { class: "key" }, ilns.key(ilns.SENSOR_COLOURS[factor.sensor], factor.sensor));
     const far = factor.whitened.some((value) => Math.abs(value) > 3);
-    return h("tr", { "data-state": factor.refused === null ? null : "bad", "data-sensor": factor.sensor },
-      h("td", {}, name), h("td", {}, factor.buoy === null ? "" : `${factor.buoy}`), h("td", {}, `${fixed(1e3 * (factor.t - keyframe.t), 0)}`),
+    return h("tr", { "data-state": factor.refused == null ? null : "bad", "data-sensor": factor.sensor },
+      h("td", {}, name), h("td", {}, factor.buoy == null ? "" : `${factor.buoy}`), h("td", {}, `${fixed(1e3 * (factor.t - keyframe.t), 0)}`),
       h("td", { class: far ? "bad" : null }, factor.whitened.map((value) => fixed(value, 2)).join("  ")), h("td", { class: "wide" }, bars(factor.whitened)),
       h("td", {}, factor.rows ? fixed(factor.nis, 2) : ilns.UNKNOWN), h("td", { class: "wide" }, `${factor.rows || ""}`),
-      h("td", { class: factor.refused === null && factor.weight < 0.5 ? "warn" : null }, factor.rows ? fixed(factor.weight, 2) : ilns.UNKNOWN),
-      h("td", { class: "text" }, factor.refused === null ? "used" : `refused: ${factor.refused}`));
+      h("td", { class: factor.refused == null && factor.weight < 0.5 ? "warn" : null }, factor.rows ? fixed(factor.weight, 2) : ilns.UNKNOWN),
+      h("td", { class: "text" }, factor.refused == null ? "used" : `refused: ${factor.refused}`));
   };
 
   const details = (keyframe, isInWindow) => {
@@ -71,8 +84,8 @@ ilns.views.graph = (() => {
       + `${isInWindow ? "" : "; it has left the window"}`;
     const heads = [["sensor", ""], ["buoy", ""], ["Δt ms", ""], ["whitened innovation, σ", ""], ["±5σ", "wide"], ["NIS", ""], ["rows", "wide"], ["weight", ""], ["", "text"]];
     const head = h("tr", {}, ...heads.map(([text, kind]) => h("th", { class: kind || null }, text)));
-    const table = h("table", { id: "factors" }, h("thead", {}, head), h("tbody", {}, ...keyframe.factors.map((factor) => row(factor, keyframe))));
-    box.replaceChildren(h("p", { class: "soft" }, summary), h("div", { class: "scroll" }, table));
+    const table = h("table", { id: "factors" }, h("thead", {}, head), h("tbody", {}, ...inOrder(keyframe).map((factor) => row(factor, keyframe))));
+    box.replaceChildren(h("p", { class: "soft" }, summary), h("div", { class: "scroll factors" }, table));
   };
 
   const draw = () => {

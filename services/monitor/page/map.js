@@ -19,7 +19,7 @@ ilns.views.map = (() => {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
   };
 
-  const buoys = () => (store.now?.buoys ?? []).filter((buoy) => buoy.position_enu);
+  const buoys = () => (store.now?.buoys ?? []).filter((buoy) => buoy.position_enu != null);
 
   /** The smallest view that has everything in it. */
   const fit = () => {
@@ -116,7 +116,7 @@ ilns.views.map = (() => {
         context.lineTo(x + 4, y - 4);
         context.stroke();
       } else {
-        context.arc(x, y, 3, 0, 2 * Math.PI);
+        context.arc(x, y, 2, 0, 2 * Math.PI);
         if (fix.fate === "used") context.fill();
         else context.stroke();
       }
@@ -209,8 +209,8 @@ ilns.views.map = (() => {
     const end = ilns.after(store.track.t, moment);
     rings(store.shown());
     if (store.hasTruth) line(store.track.te, store.track.tn, end, { strokeStyle: colour("truth"), lineWidth: 1.2, dash: [5, 4] });
-    track(end);
     fixes(moment);
+    track(end);
     buoyMarks();
     vehicle(point);
   };

@@ -59,7 +59,7 @@ ilns.store = (() => {
   store.state = (snapshot) => {
     store.now = snapshot;
     const last = store.states[store.states.length - 1];
-    if (snapshot.t !== null && (!last || snapshot.t - last.t >= 2)) {
+    if (snapshot.t != null && (!last || snapshot.t - last.t >= 2)) {
       const { t, mode, pose, error, solver, sensors, rings } = snapshot;
       store.states.push({ t, mode, pose, error, solver, sensors, rings });
       if (store.states.length > STATES_MAX) store.states = store.states.filter((_, index) => index % 2 === 0);
@@ -74,7 +74,7 @@ ilns.store = (() => {
     bound(store.keyframes, KEYFRAMES_MAX);
     const { solutions } = store;
     solutions.t.push(keyframe.t);
-    solutions.solve.push(keyframe.solve);
+    solutions.solve.push(keyframe.solve ?? null);
     solutions.iterations.push(keyframe.iterations);
     ilns.AIDING.forEach((sensor, place) => {
       const [offset, sigma] = keyframe.time_offsets[place] ?? [0, 0];
@@ -82,7 +82,7 @@ ilns.store = (() => {
       (solutions[`offset_sigma_${sensor}`] ??= []).push(sigma > 0 ? sigma : null);
       const judged = keyframe.factors.filter((factor) => factor.sensor === sensor && factor.rows > 0);
       if (!judged.length) return;
-      const used = judged.filter((factor) => factor.refused === null);
+      const used = judged.filter((factor) => factor.refused == null);
       const sum = (key) => used.reduce((total, factor) => total + (factor[key] ?? 0), 0);
       const largest = Math.max(...judged.map((factor) => Math.sqrt((factor.nis ?? 0) / factor.rows)));
       const row = { t: keyframe.t, nis: sum("nis"), rows: sum("rows"), refused: judged.length - used.length, largest };

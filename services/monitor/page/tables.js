@@ -38,22 +38,22 @@ ilns.views.tables = (() => {
   const sensors = (shown) => {
     const rows = (shown?.sensors ?? []).map((row) => {
       // What came before the start, or is switched off, is not held against the sensor.
-      const blame = Object.entries(row.rejected).filter(([reason]) => reason !== "before_start" && reason !== "disabled");
+      const blame = Object.entries(row.rejected ?? {}).filter(([reason]) => reason !== "before_start" && reason !== "disabled");
       const refused = blame.reduce((sum, [, count]) => sum + count, 0);
       const share = row.received ? (100 * refused) / row.received : null;
-      const reasons = Object.entries(row.rejected).map(([reason, count]) => `${reason} ${count}`).join(", ");
+      const reasons = Object.entries(row.rejected ?? {}).map(([reason, count]) => `${reason} ${count}`).join(", ");
       const silent = row.is_silent;
-      const offset = row.time_offset === null ? ilns.UNKNOWN : `${fixed(1e3 * row.time_offset, 1)} ± ${fixed(1e3 * row.time_offset_sigma, 1)}`;
+      const offset = row.time_offset == null ? ilns.UNKNOWN : `${fixed(1e3 * row.time_offset, 1)} ± ${fixed(1e3 * row.time_offset_sigma, 1)}`;
       return {
         kind: "sensor", name: row.sensor, state: silent ? "silent" : row.received ? "heard" : "none",
         cells: [ilns.key(ilns.SENSOR_COLOURS[row.sensor], row.sensor), { text: silent ? "silent" : fixed(row.rate, 1), class: silent ? "bad" : null },
           fixed(row.age, 1), { text: fixed(row.used_age, 1), class: "wide" },
           { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null },
-          `${row.received}`, { text: `${row.used}`, class: "wide" }, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
+          `${row.received}`, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
           { text: reasons + (row.lost ? ` (${row.lost} lost)` : ""), class: "text" }],
       };
     });
-    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide" }, "innov. σ", "received", { text: "used", class: "wide" }, "refused %", "offset ms",
+    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide" }, "innov. σ", "received", "refused %", "offset ms",
       { text: "why refused", class: "text" }], rows);
   };
 
@@ -71,6 +71,7 @@ ilns.views.tables = (() => {
       return { name: `${hop.process}-${hop.what}`,
         cells: [`${hop.process} ${names[hop.what] ?? hop.what}`, duration(hop.p50), duration(hop.p99), duration(hop.max), bar] };
     });
+    byId("hops").hidden = rows.length === 0;
     fill("hops", ["hop", "p50", "p99", "max", "1 µs … 10 s: p50 to p99, line: max"], rows);
   };
 
@@ -120,10 +121,10 @@ ilns.views.tables = (() => {
 
   const processes = (shown) => {
     const rows = (shown?.processes ?? []).map((row) => {
-      const well = ["running", "finished"].includes(row.state) && row.silence !== null && row.silence < 2;
+      const well = ["running", "finished"].includes(row.state) && row.silence != null && row.silence < 2;
       return { kind: "process", name: row.name, state: well ? "well" : "bad",
         cells: [row.name, `${row.pid || ilns.UNKNOWN}`, { text: row.state ?? "unknown", class: well ? null : "bad" }, { text: `${row.restarts}`, class: row.restarts ? "warn" : null },
-          fixed(row.cpu_percent, 1), row.resident_bytes === null ? ilns.UNKNOWN : fixed(row.resident_bytes / 1e6, 1), { text: `${row.dropped}`, class: row.dropped ? "bad" : null }] };
+          fixed(row.cpu_percent, 1), row.resident_bytes == null ? ilns.UNKNOWN : fixed(row.resident_bytes / 1e6, 1), { text: `${row.dropped}`, class: row.dropped ? "bad" : null }] };
     });
     fill("processes", ["process", "pid", "state", "restarts", "CPU %", "MB", "dropped"], rows);
   };
@@ -132,7 +133,7 @@ ilns.views.tables = (() => {
   const events = () => {
     const list = store.now?.events ?? [];
     const moment = store.moment();
-    const seen = store.cursor === null ? list : list.filter((event) => event.t === null || event.t <= moment);
+    const seen = store.cursor === null ? list : list.filter((event) => event.t == null || event.t <= moment);
     const key = `${seen.length} ${seen[seen.length - 1]?.t}`;
     if (key === eventsShown) return;
     eventsShown = key;

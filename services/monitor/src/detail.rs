@@ -42,8 +42,10 @@ pub struct Factor {
     /// Rows of the residual.
     pub rows: u32,
     /// Buoy of a range.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub buoy: Option<u32>,
     /// Why it is not used.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub refused: Option<&'static str>,
     /// Innovation whitened by its own covariance, predicted minus measured, one number a row.
     pub whitened: Vec<f64>,

@@ -10,6 +10,7 @@ use shared_types::{
     SensorHealth, Time, Truth,
 };
 
+use crate::compact::compact_json;
 use crate::history::{History, Kind, Limits, Sample};
 use crate::model::Model;
 use crate::snapshot::Snapshot;
@@ -75,11 +76,10 @@ impl Finished {
         }
         let news = self.model.take_news();
         for keyframe in &news.keyframes {
-            let json = serde_json::to_string(keyframe).expect("a keyframe has string keys only");
-            self.history.keyframe(keyframe, &json);
+            self.history.keyframe(keyframe, &compact_json(keyframe));
         }
         for fix in &news.fixes {
-            self.history.fix(&serde_json::to_string(fix).expect("a fix has string keys only"));
+            self.history.fix(&compact_json(fix));
         }
         if self.looks.is_multiple_of(STATE_EVERY) {
             self.history.state(&snapshot.brief_json());

@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 
 use shared_types::AIDING;
 
+use crate::compact::compact_json;
 use crate::detail::KeyframeDetail;
 use crate::snapshot::Snapshot;
 use consistency::Consistency;
@@ -158,7 +159,7 @@ impl History {
         push_list(&mut out, "keyframes", self.keyframes.iter());
         push_list(&mut out, "fixes", self.fixes.iter());
         push_list(&mut out, "states", self.states.items().iter());
-        let now = serde_json::to_string(now).expect("a snapshot has string keys only");
+        let now = compact_json(now);
         let _ = write!(out, ",\"now\":{now}}}");
         out
     }
@@ -253,7 +254,7 @@ mod tests {
         let mut history = History::new(Limits::LIVE);
         for index in 0..1000 {
             let keyframe = keyframe_at(f64::from(index));
-            history.keyframe(&keyframe, &serde_json::to_string(&keyframe).expect("JSON"));
+            history.keyframe(&keyframe, &compact_json(&keyframe));
         }
         let json = parsed(&history);
         assert_eq!(json["keyframes"].as_array().expect("a list").len(), Limits::LIVE.keyframes);

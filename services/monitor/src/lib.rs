@@ -7,6 +7,7 @@
 //! The model folds messages into what is known and draws nothing; the views draw a snapshot and know no message. It listens
 //! on a timer, is rung by nobody and speaks on `health` only: navigation does not notice whether it is there.
 
+mod compact;
 mod detail;
 mod error;
 mod finished;

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Serialize, Serializer};
 use shared_types::{Duration, HopLatency, Mode, Process, ProcessState, Sensor, SolutionStatus};
 
+use crate::compact::compact_json;
 use crate::detail::{Histogram, Hop, Ring};
 
 /// Everything that is known.
@@ -67,8 +68,7 @@ impl Snapshot {
             rings: &'a [Ring],
         }
         let Snapshot { t, mode, pose, error, solver, sensors, rings, .. } = self;
-        serde_json::to_string(&Brief { t: *t, mode: *mode, pose, error, solver, sensors, rings })
-            .expect("a snapshot has string keys only")
+        compact_json(&Brief { t: *t, mode: *mode, pose, error, solver, sensors, rings })
     }
 }
 
