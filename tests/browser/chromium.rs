@@ -83,6 +83,10 @@ impl Chromium {
 
     /// Calls a method of the protocol.
     pub fn call(&mut self, method: &str, parameters: Value) -> Value {
+        self.try_call(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    fn try_call(&mut self, method: &str, parameters: Value) -> Result<Value, Value> {
         self.calls += 1;
         let mut message = json!({"id": self.calls, "method": method, "params": parameters});
         if let Some(session) = &self.session {
@@ -94,8 +98,8 @@ impl Chromium {
             let left = deadline.saturating_duration_since(Instant::now());
             let message = self.messages.recv_timeout(left).unwrap_or_else(|error| panic!("{method}: {error}"));
             if message["id"] == self.calls {
-                assert!(message["error"].is_null(), "{method}: {message}");
-                return message["result"].clone();
+                let error = &message["error"];
+                return if error.is_null() { Ok(message["result"].clone()) } else { Err(error.clone()) };
             }
             self.hear(&message);
         }
@@ -148,7 +152,8 @@ impl Chromium {
         );
         loop {
             let call = json!({"expression": patient, "returnByValue": true, "awaitPromise": true});
-            if self.call("Runtime.evaluate", call)["result"]["value"] == true {
+            // While the tab goes to another page, there is nothing to ask.
+            if self.try_call("Runtime.evaluate", call).is_ok_and(|answer| answer["result"]["value"] == true) {
                 return;
             }
             assert!(Instant::now() < deadline, "not within {PATIENCE:?}: {expression}");

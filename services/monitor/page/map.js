@@ -99,8 +99,7 @@ ilns.views.map = (() => {
     }
   };
 
-  const FATE = { used: "#0072b2", unknown: "#999999" };
-  const fateColour = (fate) => (typeof fate === "object" ? "#d55e00" : FATE[fate] ?? FATE.unknown);
+  const fateColour = (fate) => (typeof fate === "object" ? "#d55e00" : fate === "used" ? colour("accent") : "#999999");
 
   const fixes = (moment) => {
     for (const fix of store.fixes) {

@@ -41,7 +41,8 @@ ilns.views.tables = (() => {
       const blame = Object.entries(row.rejected ?? {}).filter(([reason]) => reason !== "before_start" && reason !== "disabled");
       const refused = blame.reduce((sum, [, count]) => sum + count, 0);
       const share = row.received ? (100 * refused) / row.received : null;
-      const reasons = Object.entries(row.rejected ?? {}).map(([reason, count]) => `${reason} ${count}`).join(", ");
+      const list = (entries) => entries.map(([reason, count]) => `${reason} ${count}`).join(", ");
+      const why = ilns.h("span", { title: list(Object.entries(row.rejected ?? {})) }, list(blame) + (row.lost ? ` (${row.lost} lost)` : ""));
       const silent = row.is_silent;
       const offset = row.time_offset == null ? ilns.UNKNOWN : `${fixed(1e3 * row.time_offset, 1)} ± ${fixed(1e3 * row.time_offset_sigma, 1)}`;
       return {
@@ -50,7 +51,7 @@ ilns.views.tables = (() => {
           fixed(row.age, 1), { text: fixed(row.used_age, 1), class: "wide" },
           { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null },
           `${row.received}`, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
-          { text: reasons + (row.lost ? ` (${row.lost} lost)` : ""), class: "text" }],
+          { text: why, class: "text" }],
       };
     });
     fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide" }, "innov. σ", "received", "refused %", "offset ms",

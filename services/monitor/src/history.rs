@@ -16,7 +16,7 @@ use crate::snapshot::Snapshot;
 use consistency::Consistency;
 pub use sample::Sample;
 use sample::{columns, push_numbers};
-use series::Series;
+pub(crate) use series::Series;
 
 /// How much is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

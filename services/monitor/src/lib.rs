@@ -12,6 +12,7 @@ mod detail;
 mod error;
 mod finished;
 mod history;
+mod keys;
 mod lines;
 mod model;
 mod numbers;

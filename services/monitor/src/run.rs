@@ -5,13 +5,16 @@ use std::io::ErrorKind;
 use ilns_bus::{Bus, Prefix};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use rustix::event::{Timespec, poll};
+use rustix::process::{Pid, Signal, kill_process};
 use shared_types::{Process, ProcessState, channel};
 use tracing::warn;
 
+use crate::detail::News;
 use crate::error::MonitorError;
 use crate::model::Model;
 use crate::ports::Inputs;
 use crate::screen::{Screen, json, print};
+use crate::snapshot::Snapshot;
 use crate::terminal;
 use crate::web::{Look, Page, WebArgs, listen};
 
@@ -81,7 +84,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     if args.once {
         return look_once(args, shutdown, &mut inputs, &mut model);
     }
-    let mut window = Window::open(args, &model)?;
+    let mut window = Window::open(args, &model.snapshot())?;
     let mut health = bus.publisher(&channel::HEALTH)?;
     let mut heartbeat = HeartbeatBuilder::new(Process::Monitor, args.process.epoch);
     heartbeat.state = ProcessState::Running;
@@ -91,9 +94,15 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
         let begun = monotonic_now();
         heartbeat.handled += inputs.drain(&mut model);
         model.settle(begun);
-        window.show(&mut model, begun);
+        let snapshot = model.snapshot();
+        let news = model.take_news();
+        screen.remember(&snapshot, &news);
+        screen.tell_page(window.page.as_ref().map(Page::address));
+        if screen.obey() {
+            end(args, shutdown);
+        }
         if screen.is_due(begun)
-            && let Err(error) = screen.show(&model.snapshot(), begun)
+            && let Err(error) = screen.show(&snapshot, begun)
         {
             screen.give_up();
             if args.process.supervisor.is_none() {
@@ -101,6 +110,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
             }
             warn!(%error, "standard output takes nothing more; the monitor goes on without a view");
         }
+        window.show(snapshot, news, begun);
         heartbeat.work.record(monotonic_now() - begun);
         if let Some(beat) = heartbeat.beat(begun) {
             health.publish(beat);
@@ -113,6 +123,16 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     Ok(())
 }
 
+/// As Ctrl-C would: the whole set, where this process belongs to one that was started from this terminal.
+fn end(args: &Args, shutdown: &Shutdown) {
+    let supervisor = args.process.supervisor.and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw);
+    match supervisor {
+        // It stops this process, too. If it is gone, so is this process.
+        Some(supervisor) => drop(kill_process(supervisor, Signal::INT)),
+        None => shutdown.request(),
+    }
+}
+
 /// The page, or the wish for one.
 struct Window<'a> {
     args: &'a Args,
@@ -123,9 +143,9 @@ struct Window<'a> {
 }
 
 impl Window<'_> {
-    fn open<'a>(args: &'a Args, model: &Model) -> Result<Window<'a>, MonitorError> {
+    fn open<'a>(args: &'a Args, snapshot: &Snapshot) -> Result<Window<'a>, MonitorError> {
         let mut window = Window { args, page: None, retry_at: i64::MIN, has_complained: false };
-        match window.try_open(model) {
+        match window.try_open(snapshot) {
             // Navigation has begun: a page that is late is better than none.
             Err(error) if args.process.supervisor.is_some() => window.complain(&error, monotonic_now()),
             opened => opened?,
@@ -133,10 +153,10 @@ impl Window<'_> {
         Ok(window)
     }
 
-    fn try_open(&mut self, model: &Model) -> Result<(), MonitorError> {
+    fn try_open(&mut self, snapshot: &Snapshot) -> Result<(), MonitorError> {
         if let Some(address) = self.args.web.web {
             let (listener, token) = listen(address, self.args.web.web_token.as_deref())?;
-            let page = Page::open(listener, token, model.snapshot())?;
+            let page = Page::open(listener, token, snapshot.clone())?;
             if self.args.process.supervisor.is_none() {
                 eprintln!("ilns monitor: page at http://{}", page.address());
             }
@@ -152,16 +172,16 @@ impl Window<'_> {
         (self.has_complained, self.retry_at) = (true, now + RETRY);
     }
 
-    fn show(&mut self, model: &mut Model, now: i64) {
+    fn show(&mut self, snapshot: Snapshot, news: News, now: i64) {
         if self.page.is_none()
             && self.has_complained
             && now >= self.retry_at
-            && let Err(error) = self.try_open(model)
+            && let Err(error) = self.try_open(&snapshot)
         {
             self.complain(&error, now);
         }
         if let Some(page) = &mut self.page {
-            page.show(Look { snapshot: model.snapshot(), news: model.take_news() });
+            page.show(Look { snapshot, news });
         }
     }
 }

@@ -29,8 +29,10 @@ pub struct Sample {
     pub truth_en: [f64; 2],
 }
 
-/// Name, decimals and value of each column.
-const COLUMNS: [(&str, usize, fn(&Sample) -> f64); 16] = [
+/// Name, decimals and value of a column.
+type Column = (&'static str, usize, fn(&Sample) -> f64);
+
+const COLUMNS: [Column; 16] = [
     ("t", 3, |sample| sample.t),
     ("e", 3, |sample| sample.position_enu[0]),
     ("n", 3, |sample| sample.position_enu[1]),
@@ -68,7 +70,7 @@ impl Sample {
     }
 
     /// Of two samples of one stretch the one that matters more stands for both: worse mode, then larger error in sigmas.
-    pub(super) fn outweigh(earlier: &mut Sample, later: Sample) {
+    pub(crate) fn outweigh(earlier: &mut Sample, later: Sample) {
         let weight = |sample: &Sample| {
             let in_sigmas = |axis: usize| (sample.error_enu[axis] / sample.sigma_enu[axis]).abs();
             let worst = (0..3).map(in_sigmas).filter(|x| x.is_finite()).fold(0.0, f64::max);

@@ -2,7 +2,7 @@
 
 /// At most `limit` items of a series of any length.
 #[derive(Clone, Debug)]
-pub(super) struct Series<T> {
+pub(crate) struct Series<T> {
     limit: usize,
     /// How many items of the series each kept one stands for.
     stride: usize,
@@ -13,11 +13,11 @@ pub(super) struct Series<T> {
 
 impl<T> Series<T> {
     /// `merge(a, b)` lets the earlier `a` stand for the later `b`, too.
-    pub(super) fn new(limit: usize, merge: fn(&mut T, T)) -> Series<T> {
+    pub(crate) fn new(limit: usize, merge: fn(&mut T, T)) -> Series<T> {
         Series { limit: limit.max(2), stride: 1, in_stretch: 0, kept: Vec::new(), merge }
     }
 
-    pub(super) fn push(&mut self, item: T) {
+    pub(crate) fn push(&mut self, item: T) {
         if self.in_stretch > 0 {
             let last = self.kept.last_mut().expect("a stretch begins with an item");
             (self.merge)(last, item);
@@ -43,7 +43,7 @@ impl<T> Series<T> {
     }
 
     /// Earliest first.
-    pub(super) fn items(&self) -> &[T] {
+    pub(crate) fn items(&self) -> &[T] {
         &self.kept
     }
 }
