@@ -15,6 +15,7 @@ mod processes;
 mod run;
 mod status;
 mod supervisor;
+mod view;
 
 use processes::ProcessCommand;
 
@@ -53,6 +54,8 @@ enum Command {
     /// Send the bare messages that `latency` measures beside its own.
     #[command(name = latency::SENDER, hide = true)]
     ReferenceSender(latency::SenderArgs),
+    /// Show a finished run in a browser, with a time slider, or write it into one HTML file.
+    View(view::ViewArgs),
     /// Show the processes and channels of a running set.
     Status(status::StatusArgs),
     /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
@@ -72,6 +75,7 @@ fn main() -> ExitCode {
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
         Command::Latency(args) => exit_with("latency", latency::run(&args)),
         Command::ReferenceSender(args) => exit_with(latency::SENDER, latency::send_references(&args)),
+        Command::View(args) => exit_with("view", view::run(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),
         Command::Process(command) => exit_with(command.name(), command.run()),

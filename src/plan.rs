@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use ilns_bus::Prefix;
@@ -30,6 +31,10 @@ pub struct Wishes<'a> {
     pub headless: bool,
     /// What something else starts is none of this run's.
     pub processes: &'a ProcessFile,
+    /// Where the monitor serves its page.
+    pub web: Option<SocketAddr>,
+    /// File with the token that the page asks for.
+    pub web_token: Option<PathBuf>,
 }
 
 /// The processes of a run, in the order of their start.
@@ -60,6 +65,14 @@ fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
         && let Some(out) = &wishes.out
     {
         push("--out", out.into());
+    }
+    if process == Process::Monitor
+        && let Some(address) = wishes.web
+    {
+        push("--web", address.to_string().into());
+        if let Some(token) = &wishes.web_token {
+            push("--web-token", token.into());
+        }
     }
     if EMULATORS.contains(&process) {
         match &wishes.source.log {
