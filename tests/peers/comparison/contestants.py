@@ -1,0 +1,80 @@
+"""Who competes: the commands that make an estimate of a log directory, and which of ours each peer is held against."""
+
+import subprocess
+from dataclasses import dataclass
+
+# Estimators that `ilns replay` may know.
+OURS = ["fgo", "ekf", "fkf"]
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A command that reads LOG and writes summary.json and keyframes.csv or estimate.csv into OUT."""
+
+    name: str
+    command: list  # with LOG and OUT as placeholders
+    is_ours: bool = False
+    carry: list | None = None  # turns keyframes.csv into estimate.csv, where the command did not
+
+    def slug(self):
+        """Folder for its results."""
+        return self.name.replace(" ", "-").replace(",", "").replace("(", "").replace(")", "")
+
+
+@dataclass(frozen=True)
+class Task:
+    """Ours and its peers on one task, in the order of running: ours, peer, ours, peer, ..."""
+
+    title: str
+    ours: Contestant
+    peers: list
+    is_slow: bool  # minutes per run: run once
+
+
+def tasks(tools, peers, windows):
+    """All tasks that the tools at hand allow."""
+    filters = [replay(tools, name, None) for name in OURS[1:] if knows(tools, name)]
+    found = []
+    for window in windows:
+        against = []
+        if "ceres" in peers:
+            against.append(ceres(tools, f"Ceres window {window}", ["--window", str(window)]))
+            against.append(ceres(tools, f"Ceres window {window} (no kernels, no gates)", ["--window", str(window), "--clean"]))
+        if "gtsam" in peers:
+            against.append(gtsam(tools, f"GTSAM fixed lag {window} (iSAM2)", ["--lag", str(window)]))
+        if window == min(windows):
+            against += filters
+        found.append(Task(f"window {window}", replay(tools, "fgo", window), against, is_slow=window > 50))
+    against = []
+    if "ceres" in peers:
+        against.append(ceres(tools, "Ceres batch", ["--batch"]))
+    if "gtsam" in peers:
+        against.append(gtsam(tools, "GTSAM batch", ["--batch"], smoothed=True))
+    smooth = Contestant("fgo batch", [tools.ilns, "smooth", "LOG", "--out", "OUT"], is_ours=True)
+    found.append(Task("batch", smooth, against, is_slow=False))
+    return found
+
+
+def knows(tools, estimator):
+    """Whether `ilns replay` has that estimator."""
+    help_text = subprocess.run([tools.ilns, "replay", ".", "--estimator", estimator, "--print-config"],
+                               capture_output=True, text=True)
+    return "unknown variant" not in help_text.stderr and "invalid value" not in help_text.stderr
+
+
+def replay(tools, estimator, window):
+    """Ours, by sliding window or filter."""
+    name = estimator if window is None else f"{estimator} window {window}"
+    flags = ["--estimator", estimator] + ([] if window is None else ["--window", str(window)])
+    return Contestant(name, [tools.ilns, "replay", "LOG", "--out", "OUT", *flags], is_ours=True)
+
+
+def ceres(tools, name, flags):
+    """The Ceres peer."""
+    return Contestant(name, [tools.ceres / "ceres_smoother", "LOG", "--out", "OUT", *flags])
+
+
+def gtsam(tools, name, flags, smoothed=False):
+    """The GTSAM peer, whose keyframes the Ceres peer's program carries to the IMU samples."""
+    carry = [tools.ceres / "carry_keyframes", "LOG", "OUT"] + (["--smoothed"] if smoothed else [])
+    return Contestant(name, [tools.python, tools.gtsam_script, "LOG", "--out", "OUT", *flags], carry=carry)
