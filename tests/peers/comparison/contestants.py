@@ -31,8 +31,11 @@ class Task:
     is_slow: bool  # minutes per run: run once
 
 
-def tasks(tools, peers, windows):
-    """All tasks that the tools at hand allow."""
+def tasks(tools, peers, windows, kind):
+    """All tasks that the tools at hand allow on a kind of log."""
+    if kind == "noise-free":
+        # Shows that all converge to the truth; the times would be those of the realistic log.
+        return [task for task in tasks(tools, peers, [min(windows)], "realistic") if task.title != "batch"]
     filters = [replay(tools, name, None) for name in OURS[1:] if knows(tools, name)]
     found = []
     for window in windows:
@@ -43,6 +46,8 @@ def tasks(tools, peers, windows):
         if "gtsam" in peers:
             against.append(gtsam(tools, f"GTSAM fixed lag {window} (iSAM2)", ["--lag", str(window)]))
         if window == min(windows):
+            if "gtsam" in peers:
+                against.append(gtsam(tools, "GTSAM iSAM2, nothing forgotten", ["--lag", "1e6"]))
             against += filters
         found.append(Task(f"window {window}", replay(tools, "fgo", window), against, is_slow=window > 50))
     against = []

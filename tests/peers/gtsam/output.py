@@ -48,7 +48,9 @@ def quantiles(values):
 
 def summarise(log, run, lag):
     """What the fixed-lag run did, updates with a full lag alone."""
-    full = run.times[int(np.ceil(lag)):]
+    # Where nothing is ever forgotten no window fills.
+    first = int(np.ceil(lag)) if lag < len(run.times) else 20
+    full = run.times[first:]
     update, python = quantiles([times["update"] for times in full]), quantiles([times["python"] for times in full])
     whole = sum(times["update"] + times["python"] for times in full)
     return {
@@ -59,7 +61,7 @@ def summarise(log, run, lag):
         "origin": list(log.frame.origin),
         "sensors": run.readings.counts,
         "solve_us": update,
-        "parts_us": {part: quantiles([times[part] for times in run.parts[int(np.ceil(lag)):]])
+        "parts_us": {part: quantiles([times[part] for times in run.parts[first:]])
                      for part in ("isam2", "estimate", "covariance")} | {"python, not counted": python},
         "python_share": sum(times["python"] for times in full) / whole if whole else None,
     }

@@ -174,11 +174,11 @@ class FixedLag:
 
 
 def batch(run):
-    """The whole log by Levenberg-Marquardt from the fixed-lag estimates; solutions and times."""
-    parameters = gtsam.LevenbergMarquardtParams.CeresDefaults()
+    """The whole log by Gauss-Newton from the fixed-lag estimates; solutions and times."""
+    parameters = gtsam.GaussNewtonParams()
     parameters.setRelativeErrorTol(1e-6)
     began = now()
-    optimiser = gtsam.LevenbergMarquardtOptimizer(run.graph, run.values, parameters)
+    optimiser = gtsam.GaussNewtonOptimizer(run.graph, run.values, parameters)
     values = optimiser.optimize()
     solved = now()
     marginals = gtsam.Marginals(run.graph, values)

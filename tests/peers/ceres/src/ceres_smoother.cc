@@ -32,6 +32,7 @@ struct Arguments {
 
 Arguments Parse(int argc, char** argv) {
   Arguments args;
+  bool has_tolerance = false;
   for (int i = 1; i < argc; ++i) {
     const std::string flag = argv[i];
     const auto value = [&]() -> std::string {
@@ -59,12 +60,15 @@ Arguments Parse(int argc, char** argv) {
       args.window.library = name == "eigen" ? ceres::EIGEN_SPARSE : name == "cx" ? ceres::CX_SPARSE : ceres::SUITE_SPARSE;
     } else if (flag == "--tolerance") {
       args.window.function_tolerance = std::atof(value().c_str());
+      has_tolerance = true;
     } else if (args.log.empty() && flag[0] != '-') {
       args.log = flag;
     } else {
       Usage("unknown argument " + flag);
     }
   }
+  // A batch has no next keyframe that would take the rest of the way: Ceres' default.
+  if (args.batch && !has_tolerance) args.window.function_tolerance = 1e-6;
   if (args.log.empty() || args.out.empty()) Usage("a log directory and --out are needed");
   return args;
 }
