@@ -40,7 +40,7 @@ def main():
     cases = [logs.given(path) for path in arguments.log] or logs.simulated(tools, arguments.seeds)
     rounds = []
     for case in cases:
-        for task in contestants.tasks(tools, peers, windows, case.kind):
+        for task in contestants.tasks(tools, peers, windows, case):
             print(f"{case.name}: {task.title}", file=sys.stderr, flush=True)
             rounds.append(measure.side_by_side(tools, case, task, arguments.repeats))
     text = report.markdown(REPOSITORY, tools, rounds, sys.argv[1:])

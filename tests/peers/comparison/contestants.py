@@ -31,12 +31,18 @@ class Task:
     is_slow: bool  # minutes per run: run once
 
 
-def tasks(tools, peers, windows, kind):
-    """All tasks that the tools at hand allow on a kind of log."""
-    if kind == "noise-free":
+def tasks(tools, peers, windows, case):
+    """All tasks that the tools at hand allow on a log."""
+    found = all_tasks(tools, peers, windows, case)
+    if case.kind == "noise-free":
         # Shows that all converge to the truth; the times would be those of the realistic log.
-        return [task for task in tasks(tools, peers, [min(windows)], "realistic") if task.title != "batch"]
-    filters = [replay(tools, name, None) for name in OURS[1:] if knows(tools, name)]
+        found = [task for task in found if task.title == f"window {min(windows)}"]
+    return found
+
+
+def all_tasks(tools, peers, windows, case):
+    """The windows and the batch."""
+    filters = [replay(tools, name, None) for name in OURS[1:] if knows(tools, name, case)]
     found = []
     for window in windows:
         against = []
@@ -60,11 +66,10 @@ def tasks(tools, peers, windows, kind):
     return found
 
 
-def knows(tools, estimator):
+def knows(tools, estimator, case):
     """Whether `ilns replay` has that estimator."""
-    help_text = subprocess.run([tools.ilns, "replay", ".", "--estimator", estimator, "--print-config"],
-                               capture_output=True, text=True)
-    return "unknown variant" not in help_text.stderr and "invalid value" not in help_text.stderr
+    command = [tools.ilns, "replay", case.directory, "--estimator", estimator, "--print-config"]
+    return subprocess.run(command, capture_output=True).returncode == 0
 
 
 def replay(tools, estimator, window):

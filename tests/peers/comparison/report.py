@@ -21,11 +21,11 @@ def markdown(repository, tools, rounds, arguments):
 def facts(repository, tools, rounds, arguments):
     """On what, of what, by which command."""
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=repository, capture_output=True, text=True)
-    versions = {result.summary.get("version", "") for entry in rounds for result in entry.results[1:]}
+    versions = {result.summary.get("version", "") for entry in rounds for result in entry.results if not result.contestant.is_ours}
     return [
         f"- {date.today().isoformat()}, {cpu()}",
         f"- ours: commit {commit.stdout.strip() or 'unknown'}; peers: {', '.join(sorted(filter(None, versions))) or 'none'}",
-        f"- `python3 tests/peers/run.py {' '.join(arguments)}`".replace(" `", "`").rstrip(),
+        f"- `{' '.join(['python3 tests/peers/run.py', *arguments])}`",
         "- times: CPU time of the estimating thread for one whole update (append, solve, marginalise, covariance of the "
         "newest), full windows only; batch: the solve with all covariances. Ratios: against ours run just before and after.",
     ]
