@@ -38,14 +38,14 @@ def main():
     tools = build.prepare(REPOSITORY, peers, arguments.install)
     windows = [int(text) for text in arguments.windows.split(",")]
     cases = [logs.given(path) for path in arguments.log] or logs.simulated(tools, arguments.seeds)
+    pairs = [(case, task) for case in cases for task in contestants.tasks(tools, peers, windows, case)]
     rounds = []
-    for case in cases:
-        for task in contestants.tasks(tools, peers, windows, case):
-            print(f"{case.name}: {task.title}", file=sys.stderr, flush=True)
-            rounds.append(measure.side_by_side(tools, case, task, arguments.repeats))
-    text = report.markdown(REPOSITORY, tools, rounds, sys.argv[1:])
-    arguments.markdown.write_text(text)
-    print(text)
+    # The quick ones of all logs first; the report grows with each, so that a run that is stopped leaves what it had.
+    for case, task in sorted(pairs, key=lambda pair: pair[1].is_slow):
+        print(f"{case.name}: {task.title}", file=sys.stderr, flush=True)
+        rounds.append(measure.side_by_side(tools, case, task, arguments.repeats))
+        arguments.markdown.write_text(report.markdown(REPOSITORY, tools, rounds, sys.argv[1:]))
+    print(arguments.markdown.read_text())
 
 
 if __name__ == "__main__":

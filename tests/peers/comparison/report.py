@@ -14,7 +14,7 @@ def markdown(repository, tools, rounds, arguments):
         lines += [f"## {case}", ""]
         for entry in rounds:
             if entry.case.name == case:
-                lines += [*table(entry), ""]
+                lines += [f"**{entry.task.title}**", "", *table(entry), ""]
     return "\n".join(lines)
 
 
