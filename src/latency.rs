@@ -159,7 +159,15 @@ pub fn run(args: &LatencyArgs) -> Outcome {
     };
     let source = Source::open(&source_args)?;
     let config = load_config(source.config().as_slice(), None, &[])?;
-    let wishes = Wishes { source: &source_args, duration: None, out: None, headless: true, processes: &processes };
+    let wishes = Wishes {
+        source: &source_args,
+        duration: None,
+        out: None,
+        headless: true,
+        processes: &processes,
+        web: None,
+        web_token: None,
+    };
     let clock = StartClock { data: mission::START, mono: monotonic_now() + LEAD, rate: 1.0 };
     let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, &args.log_level)?;
 

@@ -208,9 +208,9 @@ mod tests {
         let mut state = NavState::identity();
         state.velocity_enu = Vector3::new(2.0, 0.0, 0.0);
         let mut realignment = Realignment::default();
-        let mut covariance = Block::zeros();
+        let mut covariance = Block::<DIM>::zeros();
         realignment.cover(&state, &mut covariance);
-        assert_eq!(covariance, Block::zeros(), "nothing is searched");
+        assert_eq!(covariance, Block::<DIM>::zeros(), "nothing is searched");
         let loosening = Loosening { position: 5.0, velocity: 1.0, attitude: 0.05 };
         let noise =
             ImuNoise { accel_bias_sigma: 0.01, gyro_bias_sigma: 1e-4, ..shared_types::Config::default().vehicle.imu };
