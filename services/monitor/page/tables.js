@@ -48,13 +48,13 @@ ilns.views.tables = (() => {
       return {
         kind: "sensor", name: row.sensor, state: silent ? "silent" : row.received ? "heard" : "none",
         cells: [ilns.key(ilns.SENSOR_COLOURS[row.sensor], row.sensor), { text: silent ? "silent" : fixed(row.rate, 1), class: silent ? "bad" : null },
-          fixed(row.age, 1), { text: fixed(row.used_age, 1), class: "wide" },
+          fixed(row.age, 1), { text: fixed(row.used_age, 1), class: "wide mid" },
           { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null },
           `${row.received}`, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
           { text: why, class: "text" }],
       };
     });
-    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide" }, "innov. σ", "received", "refused %", "offset ms",
+    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide mid" }, "innov. σ", "received", "refused %", "offset ms",
       { text: "why refused", class: "text" }], rows);
   };
 
