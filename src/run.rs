@@ -106,9 +106,12 @@ pub fn run(args: &RunArgs) -> Outcome {
         return Ok(());
     }
     args.out.as_deref().map_or(Ok(()), refuse_used)?;
-    let web = page_address(args)?;
     let shutdown = Shutdown::on_signals()?;
     let processes = args.processes.as_deref().map(ProcessFile::read).transpose()?.unwrap_or_default();
+    let start = source.start()?;
+    let owner = Owner::take(&prefix)?;
+    // Last: its address is told at once, and nothing may go wrong after that.
+    let web = page_address(args)?;
     let wishes = Wishes {
         source: &args.source,
         duration: args.duration,
@@ -119,8 +122,6 @@ pub fn run(args: &RunArgs) -> Outcome {
         web_token: args.web.web_token.clone(),
     };
     let plans = children(&wishes, &source);
-    let start = source.start()?;
-    let owner = Owner::take(&prefix)?;
     let clock = StartClock { data: start, mono: monotonic_now() + LEAD, rate: args.rate };
     let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, &args.log_level)?;
     let mut supervisor = Supervisor::start(owner, plans, common)?;

@@ -65,8 +65,10 @@ fn assert_reproduced(prefix: &str, estimator: &str) {
     assert_eq!(code, Some(0), "{errors}");
     assert_nothing_left(&set.prefix);
 
-    // Every sample from the start of the estimation on has its estimate.
-    let times = estimate_times(&live.join("estimate.csv"));
+    // Every sample from the start of the estimation on has its estimate. On a machine that lets the driver wait for 20 ms there
+    // is one more in between, without a sample.
+    let mut times = estimate_times(&live.join("estimate.csv"));
+    times.retain(|t| t.0 % PERIOD == 0);
     assert!(times.len() > 5500, "{} estimates in some 28 s", times.len());
     for pair in times.windows(2) {
         assert_eq!((pair[1] - pair[0]).0, PERIOD, "after {}", pair[0]);

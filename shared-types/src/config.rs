@@ -435,7 +435,7 @@ mod tests {
         let error = load("", &["estimator=fkf", "keyframes.anchor=pf"]).expect_err("a filter has no keyframes");
         assert!(error.to_string().contains("keyframes.anchor: it is pf; it must be at_once"), "{error}");
         let error = load("[keyframes]\nanchor = \"at_once\"\n", &[]).expect_err("a smoother has");
-        assert!(error.to_string().contains("fbpf, fpf or pf"), "{error}");
+        assert!(error.to_string().contains("fbpf, joint, fpf or pf"), "{error}");
     }
 
     #[test]

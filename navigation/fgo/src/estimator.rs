@@ -25,7 +25,7 @@ use shared_types::{
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
-use crate::realignment::Realignment;
+use crate::realignment::{LOST, Realignment, is_plausible};
 use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes};
 use crate::rows::DIM;
 use crate::smoother::Smoothed;
@@ -224,22 +224,22 @@ impl FgoEstimator {
         let before = window.nodes()[window.nodes().len() - 1].state;
         let predicted = transport(&before, &whole, window.world());
         let height_sigma = self.newest_covariance[(2, 2)].max(0.0).sqrt();
+        let is_lost = !is_plausible(&predicted);
         let loosened = match self.ties.epochs_refused() {
+            _ if is_lost => Some(LOST),
             (count, Some(since)) if count >= SUSPICIOUS_EPOCHS => {
                 loosening(&self.pending, t, &predicted, height_sigma, t - since, &self.config)
             }
             _ => loosening_by_fixes(&self.pending, &predicted, t, self.ties.fixes_improbable()),
         };
         let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };
-        if !predicted.is_finite() {
-            return Err(singular);
-        }
         let covariance = match &loosened {
-            Some(loosening) if self.realignment.is_due(t) => {
+            Some(loosening) if is_lost || self.realignment.is_due(t) => {
                 self.ties.begin_anew();
                 let noise = &self.config.vehicle.imu;
+                let place = if is_lost { self.realignment.last_well() } else { predicted };
                 let (first, covariance) =
-                    self.realignment.begin(&predicted, loosening, height_sigma, &whole.increment, noise);
+                    self.realignment.begin(&place, loosening, height_sigma, &whole.increment, noise);
                 window.start(t, &first, &covariance).map_err(|_| singular)?;
                 covariance
             }
@@ -298,6 +298,9 @@ impl FgoEstimator {
             || self.realignment.search(window, self.config.navigator.fgo.window, &self.history, &self.imu);
         self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
         if let Some(newest) = window.nodes().back() {
+            if is_aligned && loosened.is_none() && is_plausible(&newest.state) {
+                self.realignment.is_well(&newest.state);
+            }
             self.realignment.cover(&newest.state, &mut self.newest_covariance);
         }
         for (sensor, term, variance) in self.ties.offsets.to_cover() {

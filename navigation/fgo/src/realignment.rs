@@ -13,6 +13,8 @@
 //!               explains the readings better by 9 in ½χ² than all that end elsewhere, at 20 in any case
 //! ```
 //!
+//! The same is done where the state has become absurd, from where it was last well.
+//!
 //! That is the moving initialisation of §5 of the method, within the window. It takes some tens of ms, once, and allocates: it
 //! is no part of steady work.
 
@@ -53,6 +55,17 @@ const GRAVITY_WITHIN: f64 = 1.0;
 const VELOCITY_LEAST: f64 = 3.0;
 const VELOCITY_MOST: f64 = 30.0;
 
+/// What is known of a vehicle whose state has become absurd: that it is within a kilometre of where it was last well.
+pub const LOST: Loosening = Loosening { position: 1e3, velocity: 30.0, attitude: 0.05 };
+/// Beyond these nothing that navigates by sound is: m from the origin, m/s. Long before numbers become none, too.
+const FARTHEST: f64 = 1e6;
+const FASTEST: f64 = 300.0;
+
+/// Whether a vehicle can be there.
+pub fn is_plausible(state: &NavState) -> bool {
+    state.is_finite() && state.position_enu.norm() < FARTHEST && state.velocity_enu.norm() < FASTEST
+}
+
 /// Where a realignment stands.
 #[derive(Clone, Debug, Default)]
 pub struct Realignment {
@@ -60,6 +73,7 @@ pub struct Realignment {
     last_loosening: Option<Time>,
     /// First state of the window that was begun anew, and its covariance.
     search: Option<(NavState, Block<DIM>)>,
+    last_well: Option<NavState>,
 }
 
 impl Realignment {
@@ -69,6 +83,16 @@ impl Realignment {
         self.loosenings = if is_soon { self.loosenings + 1 } else { 1 };
         self.last_loosening = Some(t);
         self.search.is_none() && self.loosenings >= LOOSENINGS
+    }
+
+    /// The newest state is one that nothing speaks against.
+    pub fn is_well(&mut self, state: &NavState) {
+        self.last_well = Some(*state);
+    }
+
+    /// The last state of which that was said; the origin before.
+    pub fn last_well(&self) -> NavState {
+        self.last_well.unwrap_or_else(NavState::identity)
     }
 
     /// Whether the heading is still looked for.
@@ -94,7 +118,8 @@ impl Realignment {
             gyro_bias: Vector3::zeros(),
             ..*predicted
         };
-        let height = height_sigma.max(1.0);
+        // A glitch that spoilt the rest spoilt the height as well.
+        let height = height_sigma.max(loosening.position);
         let velocity = (2.0 * speed).clamp(VELOCITY_LEAST, VELOCITY_MOST);
         let sigmas = [
             [loosening.position, loosening.position, height],
@@ -239,6 +264,16 @@ mod tests {
         assert!((up_body - Vector3::z()).norm() < 1e-12);
         assert!(angle_between(levelled_at_rest.euler_angles().2, heading) < 1e-12);
         assert_eq!(levelled(&wrong, &still(Vector3::z() * 30.0)), wrong, "no gravity is that strong");
+    }
+
+    #[test]
+    fn a_state_that_no_vehicle_has_is_lost() {
+        let mut state = NavState::identity();
+        assert!(is_plausible(&state));
+        state.velocity_enu.x = 1e3;
+        assert!(!is_plausible(&state));
+        state.velocity_enu.x = f64::NAN;
+        assert!(!is_plausible(&state));
     }
 
     #[test]

@@ -156,3 +156,16 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_heading_that_is_wrong_by_half_a_turn_is_found_without_a_compass() {
+    // The right one turned about the vertical; the sigma says 0.5 deg.
+    let turned = "initial.quaternion=[-0.7666956, -0.0002968, -0.0010039, 0.6420099]";
+    let sets = ["mcp.enabled=false", "gnss.enabled=false", turned];
+    let ran = Run { sets: &sets, until: 260.0, seed: 1, ..MISSION }.go();
+    assert!(ran.solutions.iter().any(|s| s.status == SolutionStatus::Loosened as u32), "the state was suspected");
+    for pair in ran.pairs.iter().filter(|pair| pair.estimate.t.as_seconds() > 230.0) {
+        let error = pair.position_error_enu.xy().norm();
+        assert!(error < 0.5, "{error} m at {}", pair.estimate.t);
+    }
+}
