@@ -1,7 +1,7 @@
 //! `ilns bus`: holds the channels of a set whose processes something else starts.
 
 use ilns_bus::{Owner, Prefix};
-use ilns_runtime::{DEFAULT_PREFIX, HeartbeatBuilder, Shutdown, monotonic_now, start_logging};
+use ilns_runtime::{DEFAULT_PREFIX, HeartbeatBuilder, LogFormat, Shutdown, monotonic_now, start_logging};
 use shared_types::{Process, ProcessState, channel};
 use tracing::info;
 
@@ -13,9 +13,12 @@ pub struct BusArgs {
     /// Name of the set. Sets with different names do not hear each other.
     #[arg(long, value_name = "NAME", default_value = DEFAULT_PREFIX)]
     prefix: String,
-    /// Least severity that is logged: error, warn, info, debug or trace.
-    #[arg(long, value_name = "LEVEL", default_value = "info")]
+    /// Least severity that is logged: error, warn, info, debug or trace; of one part, as in warn,ilns_solver=debug.
+    #[arg(long, value_name = "FILTER", default_value = "info")]
     log_level: String,
+    /// Shape of the log's lines.
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    log_format: LogFormat,
 }
 
 /// Between two looks for dead processes, ns: whoever starts them again does so sooner than a heartbeat comes.
@@ -24,7 +27,7 @@ const CLEAN: i64 = 100_000_000;
 /// Locks the prefix, wipes what a dead owner left, creates every channel, and cleans up after dead processes until told to
 /// stop.
 pub fn run(args: &BusArgs) -> Outcome {
-    start_logging(&args.log_level, false)?;
+    start_logging(&args.log_level, args.log_format)?;
     let shutdown = Shutdown::on_signals()?;
     let owner = Owner::take(&Prefix::new(&args.prefix)?)?;
     info!(prefix = args.prefix, "the channels are open");

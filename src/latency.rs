@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::thread;
 
 use ilns_bus::{Owner, Prefix};
-use ilns_runtime::{ProcessFile, RealTime, Shutdown, StartClock, load_config, monotonic_now, start_logging};
+use ilns_runtime::{LogFormat, ProcessFile, RealTime, Shutdown, StartClock, load_config, monotonic_now, start_logging};
 use shared_types::Process;
 use sim_emulators::simulate::PresetName;
 use sim_emulators::source::{Source, SourceArgs};
@@ -135,7 +135,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Measures and prints.
 pub fn run(args: &LatencyArgs) -> Outcome {
-    start_logging(&args.log_level, false)?;
+    start_logging(&args.log_level, LogFormat::Auto)?;
     let shutdown = Shutdown::on_signals()?;
     let prefix = match &args.prefix {
         Some(name) => Prefix::new(name)?,
@@ -169,7 +169,8 @@ pub fn run(args: &LatencyArgs) -> Outcome {
         web_token: None,
     };
     let clock = StartClock { data: mission::START, mono: monotonic_now() + LEAD, rate: 1.0 };
-    let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, &args.log_level)?;
+    let log = (args.log_level.as_str(), LogFormat::Auto);
+    let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, log)?;
 
     let window = Window::new();
     // Children first: a process is told of the end of the thread that started it, which is this one.

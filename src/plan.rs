@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use ilns_bus::Prefix;
-use ilns_runtime::{ProcessFile, StartClock};
+use ilns_runtime::{LogFormat, ProcessFile, StartClock};
 use shared_types::{Config, Process};
 use sim_emulators::process::{EMULATORS, is_fitted};
 use sim_emulators::source::{Source, SourceArgs};
@@ -101,7 +101,7 @@ pub fn common_arguments(
     config: &Config,
     processes: Option<&Path>,
     clock: &StartClock,
-    log_level: &str,
+    (log_level, log_format): (&str, LogFormat),
 ) -> std::io::Result<Vec<OsString>> {
     let directory = prefix.run_directory();
     fs::create_dir_all(&directory)?;
@@ -120,6 +120,8 @@ pub fn common_arguments(
         std::process::id().to_string().into(),
         "--log-level".into(),
         log_level.into(),
+        "--log-format".into(),
+        log_format.name().into(),
     ];
     if let Some(file) = processes {
         arguments.extend(["--processes".into(), file.into()]);

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use ilns_bus::{Owner, Prefix};
 use ilns_monitor::{WebAddress, WebArgs, listen};
-use ilns_runtime::{DEFAULT_PREFIX, NavigatorArgs, ProcessFile, Shutdown, StartClock, monotonic_now, start_logging};
+use ilns_runtime::{
+    DEFAULT_PREFIX, LogFormat, NavigatorArgs, ProcessFile, Shutdown, StartClock, monotonic_now, start_logging,
+};
 use shared_types::{Duration, ProcessState, Time};
 use sim_emulators::process::EMULATORS;
 use sim_emulators::source::{Source, SourceArgs};
@@ -46,9 +48,12 @@ pub struct RunArgs {
     /// Show nothing: neither the terminal view nor a page.
     #[arg(long, conflicts_with_all = ["web", "no_web"])]
     headless: bool,
-    /// Least severity that is logged: error, warn, info, debug or trace.
-    #[arg(long, value_name = "LEVEL", default_value = "warn")]
+    /// Least severity that is logged: error, warn, info, debug or trace; of one part, as in warn,ilns_solver=debug.
+    #[arg(long, value_name = "FILTER", default_value = "warn")]
     log_level: String,
+    /// Shape of the log's lines.
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    log_format: LogFormat,
 }
 
 /// From the first process's start to the first reading, ns: everybody listens by then.
@@ -97,7 +102,7 @@ fn page_address(args: &RunArgs) -> Result<Option<SocketAddr>, Box<dyn std::error
 
 /// Runs the set until its sources have ended, its duration is over, or it is told to stop.
 pub fn run(args: &RunArgs) -> Outcome {
-    start_logging(&args.log_level, false)?;
+    start_logging(&args.log_level, args.log_format)?;
     let prefix = Prefix::new(&args.prefix)?;
     let source = Source::open(&args.source)?;
     let config = args.navigator.load_config(source.config().as_slice())?;
@@ -123,7 +128,8 @@ pub fn run(args: &RunArgs) -> Outcome {
     };
     let plans = children(&wishes, &source);
     let clock = StartClock { data: start, mono: monotonic_now() + LEAD, rate: args.rate };
-    let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, &args.log_level)?;
+    let log = (args.log_level.as_str(), args.log_format);
+    let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, log)?;
     let mut supervisor = Supervisor::start(owner, plans, common)?;
     let end = args.duration.map_or(Time::MAX, |seconds| start + Duration::from_seconds(seconds + OVERTIME));
     watch(&mut supervisor, &shutdown, &clock, end);

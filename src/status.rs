@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use ilns_bus::{Bus, BusError, Prefix, Subscriber};
-use ilns_runtime::{DEFAULT_PREFIX, Shutdown, monotonic_now, start_logging};
+use ilns_runtime::{DEFAULT_PREFIX, LogFormat, Shutdown, monotonic_now, start_logging};
 use serde::Serialize;
 use shared_types::{
     Channel, ChannelVisitor, Heartbeat, Message, Process, ProcessState, SENSORS, channel, visit_channels,
@@ -59,7 +59,7 @@ struct ChannelRow {
 
 /// Listens, and prints.
 pub fn run(args: &StatusArgs) -> Outcome {
-    start_logging("error", false)?;
+    start_logging("error", LogFormat::Auto)?;
     let shutdown = Shutdown::on_signals()?;
     let bus = Bus::join(&Prefix::new(&args.prefix)?, Process::Monitor, 0)?;
     let status = listen(&bus, &shutdown)?;

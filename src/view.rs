@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ilns_monitor::{Finished, Run, WebArgs, export, show};
 use ilns_recording::{ESTIMATE_FILES, LogDirectory};
 use ilns_replay::{Watcher, navigate};
-use ilns_runtime::{NavigatorArgs, Shutdown, start_logging};
+use ilns_runtime::{LogFormat, NavigatorArgs, Shutdown, start_logging};
 use shared_types::{FrameOrigin, KeyframeReport, NavEstimate, RawReading, SensorHealth, Solution, Time, Truth};
 
 use crate::Outcome;
@@ -51,7 +51,7 @@ enum ViewError {
 
 /// Shows a finished run, or writes it into a file.
 pub fn run(args: &ViewArgs) -> Outcome {
-    start_logging("warn", false)?;
+    start_logging("warn", LogFormat::Auto)?;
     let shutdown = Shutdown::on_signals()?;
     let folder = args.run.canonicalize().unwrap_or_else(|_| args.run.clone());
     let name = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());

@@ -2,10 +2,12 @@
 
 mod harness;
 
+use std::io::Write;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use harness::{ILNS, PATIENCE, STOP_LIMIT, Set, assert_nothing_left, ilns, kill, lives, process};
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -32,6 +34,29 @@ fn a_run_ends_with_its_duration_and_leaves_nothing_behind() {
 }
 
 #[test]
+fn a_standard_error_that_nobody_reads_holds_nobody_up() {
+    let (reader, mut full) = std::io::pipe().expect("a pipe");
+    let flags = fcntl_getfl(&full).expect("its flags");
+    fcntl_setfl(&full, flags | OFlags::NONBLOCK).expect("filling it must not wait");
+    while full.write(&[b'\n'; 4096]).is_ok() {}
+    fcntl_setfl(&full, flags).expect("as before: whoever writes now waits");
+    let prefix = format!("s{}-unread", std::process::id());
+    let child = Command::new(ILNS)
+        .args(["run", "--prefix", &prefix, "--headless", "--rate", "4", "--log-level", "debug"])
+        .stdout(Stdio::null())
+        .stderr(full)
+        .spawn()
+        .expect("the executable was built");
+    let mut set = Set { prefix, child };
+    // The preprocessor has said by then that the frame is fixed, and the solver one line a keyframe.
+    set.status_when("solutions come", |status| rate(status, "nav/solution") > 1.0);
+    set.signal(Signal::TERM);
+    assert_eq!(set.child_code(PATIENCE), Some(0));
+    assert_nothing_left(&set.prefix);
+    drop(reader);
+}
+
+#[test]
 fn a_prefix_in_use_is_refused_in_one_line_that_names_its_owner() {
     let set = Set::start("taken", &MISSION);
     set.status_when("readings flow", flows);
@@ -49,7 +74,8 @@ fn a_request_that_cannot_be_met_is_one_line_and_code_2() {
     let file = folder.path().join("processes.toml");
     std::fs::write(&file, "[propagater]\ncore = 0\n").expect("it is writable");
     let processes = file.to_str().expect("temporary paths are text");
-    let cases: [(&[&str], &str); 9] = [
+    let cases: [(&[&str], &str); 10] = [
+        (&["run", "--log-level", "wran"], "--log-level wran"),
         (&["run", "--scenario", "misson"], "misson"),
         (&["run", "--log", "/no/such/log"], "/no/such/log"),
         (&["run", "--set", "fgo.windw=9"], "fgo.window"),

@@ -43,7 +43,7 @@ impl<T: Message> Emulator<T> {
         self.publisher.ring();
         self.heartbeat.state = ProcessState::Finished;
         self.tell();
-        tracing::info!(sent = self.publisher.published(), "the source is at its end");
+        tracing::info!(channel = T::TYPE_NAME, sent = self.publisher.published(), "the source is at its end");
         self.wait_until(i64::MAX);
         Ok(())
     }
@@ -64,7 +64,7 @@ impl<T: Message> Emulator<T> {
             }
         };
         if skipped > 0 {
-            tracing::info!(message = T::TYPE_NAME, skipped, "readings from before the start are left out");
+            tracing::info!(channel = T::TYPE_NAME, skipped, "readings from before the start are left out");
         }
         Ok(first)
     }
@@ -84,7 +84,7 @@ impl<T: Message> Emulator<T> {
         reading.header_mut().t_arrival = monotonic_now();
         let published = self.publisher.publish_quietly(reading);
         if published.refused > 0 && self.heartbeat.dropped == 0 {
-            tracing::warn!(message = T::TYPE_NAME, "a reader's queue is full; refusals are counted in the heartbeat");
+            tracing::warn!(channel = T::TYPE_NAME, "a reader's queue is full; refusals are counted in the heartbeat");
         }
         self.heartbeat.dropped = self.publisher.dropped();
         self.heartbeat.handled += 1;

@@ -8,7 +8,7 @@ use shared_types::{AIDING, Config, ConfigText, Process, Sensor};
 use crate::clock::StartClock;
 use crate::configuration::load_config;
 use crate::error::RuntimeError;
-use crate::logging::start_logging;
+use crate::logging::{LogFormat, start_logging};
 use crate::real_time::RealTime;
 use crate::shutdown::Shutdown;
 
@@ -40,12 +40,12 @@ pub struct ProcessArgs {
     /// Process number of the supervisor, with which this process ends.
     #[arg(long, value_name = "PID")]
     pub supervisor: Option<u32>,
-    /// Least severity that is logged: error, warn, info, debug or trace.
-    #[arg(long, value_name = "LEVEL", default_value = "info")]
+    /// Least severity that is logged: error, warn, info, debug or trace; of one part, as in warn,ilns_solver=debug.
+    #[arg(long, value_name = "FILTER", default_value = "info")]
     pub log_level: String,
-    /// Log one JSON object per line.
-    #[arg(long)]
-    pub log_json: bool,
+    /// Shape of the log's lines.
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
 }
 
 /// As an empty command line.
@@ -60,7 +60,7 @@ impl Default for ProcessArgs {
             epoch: 0,
             supervisor: None,
             log_level: "info".to_owned(),
-            log_json: false,
+            log_format: LogFormat::default(),
         }
     }
 }
@@ -71,7 +71,7 @@ impl ProcessArgs {
     /// # Errors
     /// [`RuntimeError`] when the log level is none, signals cannot be caught, or the supervisor is gone already.
     pub fn begin(&self) -> Result<Shutdown, RuntimeError> {
-        start_logging(&self.log_level, self.log_json)?;
+        start_logging(&self.log_level, self.log_format)?;
         let shutdown = Shutdown::on_signals()?;
         if let Some(supervisor) = self.supervisor {
             set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| RuntimeError::Signals(e.into()))?;

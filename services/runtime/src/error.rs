@@ -29,6 +29,9 @@ pub enum RuntimeError {
         /// As given.
         text: String,
     },
+    /// The thread that writes log lines cannot be started.
+    #[error("cannot start the thread that writes log lines")]
+    LogThread(#[source] std::io::Error),
     /// A log level that is none.
     #[error("--log-level {text}: expected error, warn, info, debug or trace, or target=level pairs with commas")]
     LogLevel {

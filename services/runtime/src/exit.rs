@@ -3,6 +3,8 @@
 use std::error::Error;
 use std::process::ExitCode;
 
+use crate::logging::{flush_logging, is_journal};
+
 /// Exit code of everything that went wrong.
 pub const FAILURE: u8 = 2;
 
@@ -22,10 +24,13 @@ pub fn one_line(error: &dyn Error) -> String {
 
 /// Exit code of the command `name`; a failure is first told on standard error, in one line.
 pub fn exit_with(name: &str, result: Result<(), impl Into<Box<dyn Error>>>) -> ExitCode {
+    flush_logging();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("ilns {name}: {}", one_line(&*error.into()));
+            // The journal takes the priority off the line, as with the lines of `logging`.
+            let priority = if is_journal() { "<3>" } else { "" };
+            eprintln!("{priority}ilns {name}: {}", one_line(&*error.into()));
             ExitCode::from(FAILURE)
         }
     }
