@@ -5,6 +5,7 @@
 //! readings      --> LogWriter    --> log directory
 //! estimates     --> EstimateWriter --> estimate.csv, estimate.tum;  Summary --> summary.json
 //! estimate.csv  --> read_estimates
+//! the whole run --> mcap::McapWriter --> recording.mcap --> mcap::{inspect, recover, export}
 //! ```
 //!
 //! Every reader streams: a log of a day takes no more memory than one of a minute. Every error names file, line, column
@@ -18,11 +19,14 @@ mod estimate_reader;
 mod estimate_writer;
 mod lines;
 mod log_writer;
+pub mod mcap;
 mod merged;
 mod reader;
 mod rows;
 mod summary;
 mod table;
+#[cfg(test)]
+mod testing;
 mod text_file;
 
 pub use checkpoint::{CheckpointError, read_checkpoint, write_checkpoint};
