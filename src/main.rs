@@ -11,6 +11,7 @@ mod child;
 mod hold;
 mod plan;
 mod processes;
+mod recording;
 mod run;
 mod status;
 mod supervisor;
@@ -45,6 +46,8 @@ enum Command {
     Score(ScoreArgs),
     /// Draw a trajectory into an SVG file.
     Plot(PlotArgs),
+    /// Look at an MCAP recording, make a torn one whole, or write its log directory.
+    Recording(recording::RecordingArgs),
     /// Show the processes and channels of a running set.
     Status(status::StatusArgs),
     /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
@@ -61,6 +64,7 @@ fn main() -> ExitCode {
         Command::Simulate(args) => exit_with("simulate", sim_emulators::simulate::run(&args)),
         Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
+        Command::Recording(args) => exit_with("recording", recording::run(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),
         Command::Process(command) => exit_with(command.name(), command.run()),
