@@ -256,3 +256,76 @@ fn free_space(folder: &Path) -> Option<u64> {
     let found = rustix::fs::statvfs(folder).ok()?;
     Some(found.f_bavail.saturating_mul(found.f_frsize))
 }
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a test may fail where it stands")]
+    use super::*;
+    use ilns_recording::mcap::{export, inspect};
+    use shared_types::{Header, ImuSample};
+
+    fn sample(step: u64) -> Entry {
+        let header = Header { sequence: step, ..Header::at(Time(step as i64 * 5_000_000)) };
+        Entry::Reading(RawReading::Imu(ImuSample { header, gyro_body: [0.1; 3], accel_body: [9.8; 3] }))
+    }
+
+    fn files(folder: &Path, args: McapArgs) -> Files {
+        let writer = Some(McapWriter::create(file(folder, 0), "").unwrap());
+        let counts = Arc::new(Counts::default());
+        Files { folder: folder.to_owned(), args, config: String::new(), writer, number: 0, begun: None, counts }
+    }
+
+    #[test]
+    fn a_recording_goes_on_in_further_files_and_nothing_is_lost_between_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut files = files(folder.path(), McapArgs { mcap_minutes: 1, free_space: 0, ..McapArgs::default() });
+        // 150 s at 200 Hz, flushed each second.
+        for step in 0..30_000 {
+            files.entry(&sample(step)).unwrap();
+            if step % 200 == 199 {
+                files.flush().unwrap();
+            }
+        }
+        files.writer.take().unwrap().finish().unwrap();
+        let all: Vec<PathBuf> = (0..3).map(|number| file(folder.path(), number)).collect();
+        assert!(!file(folder.path(), 3).exists());
+        for file in &all {
+            assert!(inspect(file).unwrap().ending.is_whole());
+        }
+        assert_eq!(export(&all, folder.path().join("log")).unwrap().rows["imu.csv"], 30_000);
+    }
+
+    #[test]
+    fn a_file_that_is_large_enough_is_followed_by_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut files = files(folder.path(), McapArgs { mcap_size: 0, free_space: 0, ..McapArgs::default() });
+        files.entry(&sample(0)).unwrap();
+        files.flush().unwrap();
+        assert_eq!(files.number, 1);
+        assert!(inspect(file(folder.path(), 0)).unwrap().ending.is_whole());
+    }
+
+    #[test]
+    fn on_a_disk_that_is_nearly_full_the_file_is_finished_and_the_rest_is_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = McapArgs { free_space: u64::MAX / MEGABYTE, ..McapArgs::default() };
+        let mut files = files(folder.path(), args);
+        files.entry(&sample(0)).unwrap();
+        files.flush().unwrap();
+        files.entry(&sample(1)).unwrap();
+        let found = inspect(file(folder.path(), 0)).unwrap();
+        assert!(found.ending.is_whole());
+        assert_eq!(files.counts.status().dropped, 1);
+    }
+
+    #[test]
+    fn what_a_full_queue_does_not_take_is_counted_and_nobody_waits() {
+        let (queue, entries) = sync_channel(2);
+        let log = McapLog::new(Some(queue), None, Arc::default());
+        for step in 0..5 {
+            log.take(|| sample(step));
+        }
+        assert_eq!(log.counts.status().dropped, 3);
+        assert_eq!(entries.try_iter().count(), 2);
+    }
+}

@@ -364,3 +364,24 @@ fn an_independent_reader_reads_whole_and_recovered_files() {
         assert_eq!((&read["pose"], &read["corners"]), (&"map".into(), &48.into()));
     }
 }
+
+#[test]
+fn the_layout_for_foxglove_shows_channels_and_panels_that_exist() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/foxglove/layout.json");
+    let text = fs::read_to_string(file).unwrap();
+    let layout: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let (_, recording) = record(folder.path(), 10, true);
+    let channels: Vec<String> = inspect(recording).unwrap().channels.into_iter().map(|channel| channel.topic).collect();
+    let mut named = 0;
+    for quoted in text.split('"').filter(|quoted| quoted.starts_with('/')) {
+        let topic = quoted.split('.').next().unwrap();
+        assert!(channels.iter().any(|channel| channel == topic), "{topic}");
+        named += 1;
+    }
+    assert!(named >= 10, "{named}");
+    let mosaic = layout["layout"].to_string();
+    for panel in layout["configById"].as_object().unwrap().keys() {
+        assert!(mosaic.contains(panel), "{panel}");
+    }
+}
