@@ -385,3 +385,17 @@ fn the_layout_for_foxglove_shows_channels_and_panels_that_exist() {
         assert!(mosaic.contains(panel), "{panel}");
     }
 }
+
+#[test]
+fn a_recording_of_a_later_format_is_not_exported_by_guessing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, file) = record(folder.path(), 10, true);
+    let mut bytes = fs::read(&file).unwrap();
+    let said = b"format\x01\0\0\x001";
+    let place = bytes.windows(said.len()).position(|window| window == said).unwrap();
+    bytes[place + said.len() - 1] = b'9';
+    fs::write(&file, bytes).unwrap();
+    let message = export(&[&file], folder.path().join("out")).unwrap_err().to_string();
+    assert!(message.contains("later version of this program recorded it (format 9"), "{message}");
+    assert!(!folder.path().join("out").exists());
+}

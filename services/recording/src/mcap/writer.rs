@@ -260,7 +260,7 @@ impl McapWriter {
         self.writer.flush().map_err(|error| fault(&self.path, error))
     }
 
-    /// Writes summary and indexes and closes the file. Without it the file wants [`crate::recover`].
+    /// Writes summary and indexes and closes the file. Without it the file wants [`crate::mcap::recover`].
     ///
     /// # Errors
     /// As [`McapWriter::reading`].
