@@ -16,7 +16,7 @@ pub struct ChildPlan {
     pub process: Process,
     /// Arguments of its own, after those of every process.
     pub arguments: Vec<OsString>,
-    /// It shows itself in the terminal: it keeps standard output, and Ctrl-C reaches it.
+    /// It shows itself in the terminal: it keeps standard input and output, and Ctrl-C reaches it.
     pub owns_terminal: bool,
 }
 
@@ -89,11 +89,10 @@ impl Child {
             .args(common)
             .arg("--epoch")
             .arg(self.restarts.to_string())
-            .args(&self.plan.arguments)
-            .stdin(Stdio::null());
+            .args(&self.plan.arguments);
         if !self.plan.owns_terminal {
             // Ctrl-C is for the supervisor, which stops the others in order.
-            command.stdout(Stdio::null()).process_group(0);
+            command.stdin(Stdio::null()).stdout(Stdio::null()).process_group(0);
         }
         let handle = command.spawn()?;
         let end = pidfd_open(pid_of(&handle), PidfdFlags::empty())?;

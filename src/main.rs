@@ -3,18 +3,20 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use ilns_replay::{PlotArgs, ReplayArgs, ScoreArgs, SmoothArgs};
+use ilns_replay::{ConvertArgs, PlotArgs, ReplayArgs, ScoreArgs, SmoothArgs};
 use ilns_runtime::exit_with;
 use sim_emulators::simulate::SimulateArgs;
 
 mod child;
 mod hold;
+mod latency;
 mod plan;
 mod processes;
 mod recording;
 mod run;
 mod status;
 mod supervisor;
+mod view;
 
 use processes::ProcessCommand;
 
@@ -44,8 +46,17 @@ enum Command {
     Simulate(SimulateArgs),
     /// Hold estimates against the truth: errors, spread and how honest the sigmas are.
     Score(ScoreArgs),
+    /// Turn a public data set into a log directory.
+    Convert(ConvertArgs),
     /// Draw a trajectory into an SVG file.
     Plot(PlotArgs),
+    /// Measure how long a sample takes to an estimate and to a consumer, beside bare hops in the same run.
+    Latency(latency::LatencyArgs),
+    /// Send the bare messages that `latency` measures beside its own.
+    #[command(name = latency::SENDER, hide = true)]
+    ReferenceSender(latency::SenderArgs),
+    /// Show a finished run in a browser, with a time slider, or write it into one HTML file.
+    View(view::ViewArgs),
     /// Look at an MCAP recording, make a torn one whole, or write its log directory.
     Recording(recording::RecordingArgs),
     /// Show the processes and channels of a running set.
@@ -63,7 +74,11 @@ fn main() -> ExitCode {
         Command::Smooth(args) => exit_with("smooth", ilns_replay::smooth::run(&args)),
         Command::Simulate(args) => exit_with("simulate", sim_emulators::simulate::run(&args)),
         Command::Score(args) => exit_with("score", ilns_replay::score::run(&args)),
+        Command::Convert(args) => exit_with("convert", ilns_replay::convert::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
+        Command::Latency(args) => exit_with("latency", latency::run(&args)),
+        Command::ReferenceSender(args) => exit_with(latency::SENDER, latency::send_references(&args)),
+        Command::View(args) => exit_with("view", view::run(&args)),
         Command::Recording(args) => exit_with("recording", recording::run(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),

@@ -2,10 +2,11 @@
 
 use std::ffi::OsString;
 use std::fs;
-use std::path::PathBuf;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 
 use ilns_bus::Prefix;
-use ilns_runtime::StartClock;
+use ilns_runtime::{ProcessFile, StartClock};
 use shared_types::{Config, Process};
 use sim_emulators::process::{EMULATORS, is_fitted};
 use sim_emulators::source::{Source, SourceArgs};
@@ -28,6 +29,12 @@ pub struct Wishes<'a> {
     pub out: Option<PathBuf>,
     /// Nothing is shown.
     pub headless: bool,
+    /// What something else starts is none of this run's.
+    pub processes: &'a ProcessFile,
+    /// Where the monitor serves its page.
+    pub web: Option<SocketAddr>,
+    /// File with the token that the page asks for.
+    pub web_token: Option<PathBuf>,
 }
 
 /// The processes of a run, in the order of their start.
@@ -41,7 +48,7 @@ pub fn children(wishes: &Wishes, source: &Source) -> Vec<ChildPlan> {
             _ => true,
         })
         .chain(emulators)
-        .filter(|&process| can_run(process))
+        .filter(|&process| can_run(process) && !wishes.processes.is_external(process))
         .map(|process| ChildPlan {
             process,
             arguments: arguments(process, wishes),
@@ -58,6 +65,14 @@ fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
         && let Some(out) = &wishes.out
     {
         push("--out", out.into());
+    }
+    if process == Process::Monitor
+        && let Some(address) = wishes.web
+    {
+        push("--web", address.to_string().into());
+        if let Some(token) = &wishes.web_token {
+            push("--web-token", token.into());
+        }
     }
     if EMULATORS.contains(&process) {
         match &wishes.source.log {
@@ -80,10 +95,11 @@ fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
 }
 
 /// What every process of the run is told: the set, the whole effective configuration as a file in the directory of the run,
-/// and the start.
+/// the process file, and the start.
 pub fn common_arguments(
     prefix: &Prefix,
     config: &Config,
+    processes: Option<&Path>,
     clock: &StartClock,
     log_level: &str,
 ) -> std::io::Result<Vec<OsString>> {
@@ -91,7 +107,9 @@ pub fn common_arguments(
     fs::create_dir_all(&directory)?;
     let file = directory.join("effective.toml");
     fs::write(&file, config.to_toml())?;
-    Ok(vec![
+    // For drivers that something else starts: they learn data time from it.
+    fs::write(directory.join("start"), clock.to_string())?;
+    let mut arguments: Vec<OsString> = vec![
         "--prefix".into(),
         prefix.name().into(),
         "--config".into(),
@@ -102,5 +120,9 @@ pub fn common_arguments(
         std::process::id().to_string().into(),
         "--log-level".into(),
         log_level.into(),
-    ])
+    ];
+    if let Some(file) = processes {
+        arguments.extend(["--processes".into(), file.into()]);
+    }
+    Ok(arguments)
 }

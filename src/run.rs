@@ -1,9 +1,11 @@
 //! `ilns run`: the whole set, from one command.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use ilns_bus::{Owner, Prefix};
-use ilns_runtime::{DEFAULT_PREFIX, NavigatorArgs, Shutdown, StartClock, monotonic_now, start_logging};
+use ilns_monitor::{WebAddress, WebArgs, listen};
+use ilns_runtime::{DEFAULT_PREFIX, NavigatorArgs, ProcessFile, Shutdown, StartClock, monotonic_now, start_logging};
 use shared_types::{Duration, ProcessState, Time};
 use sim_emulators::process::EMULATORS;
 use sim_emulators::source::{Source, SourceArgs};
@@ -32,8 +34,17 @@ pub struct RunArgs {
     /// Name of this set. Sets with different names run side by side.
     #[arg(long, value_name = "NAME", default_value = DEFAULT_PREFIX)]
     prefix: String,
+    /// TOML file with cores, priorities and wake-ups of the processes, and which of them something else starts, such as a
+    /// real driver.
+    #[arg(long, value_name = "FILE")]
+    processes: Option<PathBuf>,
+    #[command(flatten)]
+    web: WebArgs,
+    /// Serve no page.
+    #[arg(long, conflicts_with = "web")]
+    no_web: bool,
     /// Show nothing: neither the terminal view nor a page.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["web", "no_web"])]
     headless: bool,
     /// Least severity that is logged: error, warn, info, debug or trace.
     #[arg(long, value_name = "LEVEL", default_value = "warn")]
@@ -72,6 +83,18 @@ fn positive(text: &str) -> Result<f64, String> {
     if number.is_finite() && number > 0.0 { Ok(number) } else { Err("expected a positive number".to_owned()) }
 }
 
+/// Where the monitor is to serve its page: settled here once, so that a restarted monitor is found at the same place, and a
+/// port in use is told before anything starts.
+fn page_address(args: &RunArgs) -> Result<Option<SocketAddr>, Box<dyn std::error::Error>> {
+    if args.headless || args.no_web {
+        return Ok(None);
+    }
+    let (listener, _) = listen(args.web.web.unwrap_or(WebAddress::Auto), args.web.web_token.as_deref())?;
+    let address = listener.local_addr()?;
+    eprintln!("ilns run: page at http://{address}");
+    Ok(Some(address))
+}
+
 /// Runs the set until its sources have ended, its duration is over, or it is told to stop.
 pub fn run(args: &RunArgs) -> Outcome {
     start_logging(&args.log_level, false)?;
@@ -84,13 +107,23 @@ pub fn run(args: &RunArgs) -> Outcome {
     }
     args.out.as_deref().map_or(Ok(()), refuse_used)?;
     let shutdown = Shutdown::on_signals()?;
-    let wishes =
-        Wishes { source: &args.source, duration: args.duration, out: args.out.clone(), headless: args.headless };
-    let plans = children(&wishes, &source);
+    let processes = args.processes.as_deref().map(ProcessFile::read).transpose()?.unwrap_or_default();
     let start = source.start()?;
     let owner = Owner::take(&prefix)?;
+    // Last: its address is told at once, and nothing may go wrong after that.
+    let web = page_address(args)?;
+    let wishes = Wishes {
+        source: &args.source,
+        duration: args.duration,
+        out: args.out.clone(),
+        headless: args.headless,
+        processes: &processes,
+        web,
+        web_token: args.web.web_token.clone(),
+    };
+    let plans = children(&wishes, &source);
     let clock = StartClock { data: start, mono: monotonic_now() + LEAD, rate: args.rate };
-    let common = common_arguments(&prefix, &config, &clock, &args.log_level)?;
+    let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, &args.log_level)?;
     let mut supervisor = Supervisor::start(owner, plans, common)?;
     let end = args.duration.map_or(Time::MAX, |seconds| start + Duration::from_seconds(seconds + OVERTIME));
     watch(&mut supervisor, &shutdown, &clock, end);

@@ -78,6 +78,12 @@ impl Supervisor {
         self.children.iter().any(|child| child.process() == process && child.state == state)
     }
 
+    /// Number of a process of the set that lives.
+    pub fn pid_of(&self, process: Process) -> Option<u32> {
+        let child = self.children.iter().find(|child| child.process() == process)?;
+        Some(child.pid()).filter(|&pid| pid != 0)
+    }
+
     /// The processes of the set.
     pub fn processes(&self) -> impl Iterator<Item = Process> {
         self.children.iter().map(Child::process)

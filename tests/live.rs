@@ -31,6 +31,15 @@ fn estimate_times(file: &Path) -> Vec<Time> {
 
 #[test]
 fn a_live_run_is_reproduced_by_a_replay_of_its_recording() {
+    assert_reproduced("repeat", "fgo");
+}
+
+#[test]
+fn a_live_run_of_a_filter_is_reproduced_by_a_replay_of_its_recording() {
+    assert_reproduced("filter", "ekf");
+}
+
+fn assert_reproduced(prefix: &str, estimator: &str) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (live, again) = (folder.path().join("live"), folder.path().join("again"));
     let arguments = [
@@ -46,23 +55,28 @@ fn a_live_run_is_reproduced_by_a_replay_of_its_recording() {
         "2",
         "--duration",
         "45",
+        "--estimator",
+        estimator,
         "--out",
         text(&live),
     ];
-    let mut set = Set::start("repeat", &arguments);
+    let mut set = Set::start(prefix, &arguments);
     let (code, errors) = set.end(2 * PATIENCE);
     assert_eq!(code, Some(0), "{errors}");
     assert_nothing_left(&set.prefix);
 
-    // Every sample from the start of the estimation on has its estimate.
-    let times = estimate_times(&live.join("estimate.csv"));
+    // Every sample from the start of the estimation on has its estimate. On a machine that lets the driver wait for 20 ms there
+    // is one more in between, without a sample.
+    let mut times = estimate_times(&live.join("estimate.csv"));
+    times.retain(|t| t.0 % PERIOD == 0);
     assert!(times.len() > 5500, "{} estimates in some 28 s", times.len());
     for pair in times.windows(2) {
         assert_eq!((pair[1] - pair[0]).0, PERIOD, "after {}", pair[0]);
     }
 
     let follow = live.join("estimate.csv");
-    run_ilns(&["replay", text(&live), "--out", text(&again), "--follow", text(&follow)]);
+    let arguments = ["replay", text(&live), "--estimator", estimator, "--out", text(&again), "--follow", text(&follow)];
+    run_ilns(&arguments);
     let read = |path: &Path| std::fs::read_to_string(path).expect("it was written");
     let (published, repeated) = (read(&follow), read(&again.join("estimate.csv")));
     let mut repeated_rows = repeated.lines().skip(1).peekable();

@@ -45,11 +45,17 @@ fn a_prefix_in_use_is_refused_in_one_line_that_names_its_owner() {
 
 #[test]
 fn a_request_that_cannot_be_met_is_one_line_and_code_2() {
-    let cases: [(&[&str], &str); 7] = [
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("processes.toml");
+    std::fs::write(&file, "[propagater]\ncore = 0\n").expect("it is writable");
+    let processes = file.to_str().expect("temporary paths are text");
+    let cases: [(&[&str], &str); 9] = [
         (&["run", "--scenario", "misson"], "misson"),
         (&["run", "--log", "/no/such/log"], "/no/such/log"),
         (&["run", "--set", "fgo.windw=9"], "fgo.window"),
         (&["run", "--window", "1"], "fgo.window"),
+        (&["run", "--processes", processes], "processes.toml:1: `propagater` is no process"),
+        (&["run", "--processes", "/no/such.toml"], "/no/such.toml"),
         (&["run", "--prefix", "a/b"], "a/b"),
         (&["run", "--out", "/tmp"], "not an empty directory"),
         (&["status", "--prefix", "nobody-is-here"], "nobody-is-here"),

@@ -112,9 +112,11 @@ channel_table! {
     IMU: ImuSample = "sensor/imu", queue 2048, history 512, RefuseNewest, publishers 1,
         readers ["preprocessor", "propagator", "recorder"];
     /// Slant ranges, one message each.
-    LBL: LblRange = "sensor/lbl", queue 256, history 0, RefuseNewest, publishers 1, readers ["preprocessor", "recorder"];
+    LBL: LblRange = "sensor/lbl", queue 256, history 0, RefuseNewest, publishers 1,
+        readers ["preprocessor", "monitor", "recorder"];
     /// Satellite fixes.
-    GNSS: GnssFix = "sensor/gnss", queue 64, history 0, RefuseNewest, publishers 1, readers ["preprocessor", "recorder"];
+    GNSS: GnssFix = "sensor/gnss", queue 64, history 0, RefuseNewest, publishers 1,
+        readers ["preprocessor", "monitor", "recorder"];
     /// Doppler velocities.
     DVL: DvlVelocity = "sensor/dvl", queue 64, history 0, RefuseNewest, publishers 1, readers ["preprocessor", "recorder"];
     /// Compass headings.

@@ -405,7 +405,7 @@ mod tests {
             "lbl.sigma=0.5",
             "dvl.enabled=false",
             "keyframes.anchor=pf",
-            "gnss.kernel=cauchy",
+            "gnss.kernel=huber",
             "fgo.window=30",
             "lbl.common_offset_sigma=inf",
         ];
@@ -413,7 +413,7 @@ mod tests {
         assert_eq!(config.vehicle.lbl.sigma, 0.5);
         assert!(!config.navigator.is_enabled(Sensor::Dvl));
         assert_eq!(config.navigator.keyframes.anchor, AnchorMethod::Pf);
-        assert_eq!(config.navigator.sensor(Sensor::Gnss).map(|s| s.kernel), Some(Kernel::Cauchy(1.345)));
+        assert_eq!(config.navigator.sensor(Sensor::Gnss).map(|s| s.kernel), Some(Kernel::Huber(2.385)));
         assert_eq!(config.navigator.fgo.window, 30);
         assert_eq!(config.navigator.lbl_common_offset_sigma, f64::INFINITY);
     }
@@ -435,7 +435,7 @@ mod tests {
         let error = load("", &["estimator=fkf", "keyframes.anchor=pf"]).expect_err("a filter has no keyframes");
         assert!(error.to_string().contains("keyframes.anchor: it is pf; it must be at_once"), "{error}");
         let error = load("[keyframes]\nanchor = \"at_once\"\n", &[]).expect_err("a smoother has");
-        assert!(error.to_string().contains("fbpf, fpf or pf"), "{error}");
+        assert!(error.to_string().contains("fbpf, joint, fpf or pf"), "{error}");
     }
 
     #[test]

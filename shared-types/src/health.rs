@@ -178,15 +178,21 @@ pub struct HopLatency {
     pub count: u64,
     /// Median.
     pub p50_ns: u64,
+    /// 90th percentile.
+    pub p90_ns: u64,
     /// 99th percentile.
     pub p99_ns: u64,
+    /// 99.9th percentile.
+    pub p99_9_ns: u64,
+    /// 99.99th percentile.
+    pub p99_99_ns: u64,
     /// Largest.
     pub max_ns: u64,
 }
 
 message! {
     /// What a process says of itself.
-    Heartbeat, "ilns.Heartbeat.1", schema 1 {
+    Heartbeat, "ilns.Heartbeat.2", schema 2 {
         /// Sender, order and times.
         header: Header,
         /// [`Process`] as a number.

@@ -81,6 +81,9 @@ pub enum AnchorMethod {
     Fpf,
     /// Forward or backward preintegration from the nearer keyframe.
     Fbpf,
+    /// Forward preintegration from the keyframe before it, as one factor with the samples of that interval: what both owe
+    /// to the same IMU noise is counted once (§3.8 of the method). Time offsets are not estimated then.
+    Joint,
     /// To none: passed on at once. What filters ask for, and they alone.
     AtOnce,
 }
@@ -92,6 +95,7 @@ impl AnchorMethod {
             AnchorMethod::Pf => "pf",
             AnchorMethod::Fpf => "fpf",
             AnchorMethod::Fbpf => "fbpf",
+            AnchorMethod::Joint => "joint",
             AnchorMethod::AtOnce => "at_once",
         }
     }
@@ -119,6 +123,18 @@ pub enum TimeOffset {
     Fixed(f64),
     /// That is the first guess, s; what the motion shows is taken instead.
     Estimated(f64),
+}
+
+impl TimeOffset {
+    /// The same without estimating it.
+    #[must_use]
+    pub fn as_given(self) -> TimeOffset {
+        match self {
+            TimeOffset::Estimated(first) if first != 0.0 => TimeOffset::Fixed(first),
+            TimeOffset::Estimated(_) => TimeOffset::Off,
+            given => given,
+        }
+    }
 }
 
 /// The sliding window.
@@ -495,7 +511,7 @@ impl TryFrom<&Sections> for Navigator {
             let expected = if file.estimator.is_filter() {
                 "at_once with a filter, which takes each reading at its own time (leave it out)"
             } else {
-                "fbpf, fpf or pf with estimator fgo"
+                "fbpf, joint, fpf or pf with estimator fgo"
             };
             return Err(Problem::new("keyframes.anchor", file.keyframes.anchor.name().to_owned(), expected));
         }

@@ -41,18 +41,23 @@ impl Set {
 
     /// Waits for its end: exit code, standard error, how long it took.
     pub fn end(&mut self, limit: Duration) -> (Option<i32>, String) {
-        let begun = Instant::now();
-        let status = loop {
-            if let Some(status) = self.child.try_wait().expect("our own child") {
-                break status;
-            }
-            assert!(begun.elapsed() < limit, "it did not end within {limit:?}");
-            std::thread::sleep(Duration::from_millis(5));
-        };
+        let code = self.child_code(limit);
         let mut errors = String::new();
         let mut pipe = self.child.stderr.take().expect("piped");
         std::io::Read::read_to_string(&mut pipe, &mut errors).expect("text");
-        (status.code(), errors)
+        (code, errors)
+    }
+
+    /// Waits for its end: exit code. For those who have taken its standard error.
+    pub fn child_code(&mut self, limit: Duration) -> Option<i32> {
+        let begun = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().expect("our own child") {
+                return status.code();
+            }
+            assert!(begun.elapsed() < limit, "it did not end within {limit:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 
     /// `ilns status --json` of this set, once it satisfies `wanted`.

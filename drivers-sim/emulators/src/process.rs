@@ -1,7 +1,7 @@
 //! The processes: one emulator per sensor, and one for the truth.
 
 use ilns_bus::{Bus, BusError, Prefix};
-use ilns_runtime::{HeartbeatBuilder, ProcessArgs, RuntimeError, Shutdown, StartClock};
+use ilns_runtime::{HeartbeatBuilder, ProcessArgs, RealTime, RuntimeError, Shutdown, StartClock};
 use shared_types::{Channel, Duration, Message, Process, Sensor, Time, channel};
 
 use crate::emulator::Emulator;
@@ -70,9 +70,17 @@ fn sensor_of(emulator: Process) -> Option<Sensor> {
 /// # Errors
 /// [`EmulatorError`] when it cannot begin, or when the log holds something unreadable.
 pub fn run(emulator: Process, args: &EmulatorArgs) -> Result<(), EmulatorError> {
-    let shutdown = args.process.begin()?;
+    run_until(emulator, args, args.process.begin()?)
+}
+
+/// Runs one emulator until `shutdown` is requested.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_until(emulator: Process, args: &EmulatorArgs, shutdown: Shutdown) -> Result<(), EmulatorError> {
+    let real_time = args.process.real_time(emulator)?;
     let source = Source::open(&args.source)?;
-    let place = Place::take(emulator, args, &source, shutdown)?;
+    let place = Place::take(emulator, args, &source, shutdown, real_time)?;
     match emulator {
         Process::EmulatorImu => place.emulate(&channel::IMU, source.imu()?, |_| false),
         Process::EmulatorLbl => place.emulate(&channel::LBL, source.lbl()?, |_| false),
@@ -94,6 +102,7 @@ struct Place {
     clock: StartClock,
     until: Time,
     shutdown: Shutdown,
+    real_time: RealTime,
 }
 
 impl Place {
@@ -102,6 +111,7 @@ impl Place {
         args: &EmulatorArgs,
         source: &Source,
         shutdown: Shutdown,
+        real_time: RealTime,
     ) -> Result<Place, EmulatorError> {
         let bus = Bus::join(&Prefix::new(&args.process.prefix)?, emulator, args.process.epoch)?;
         let clock = match args.process.start {
@@ -109,7 +119,7 @@ impl Place {
             None => StartClock::now_is(source.start()?, args.rate),
         };
         let until = args.duration.map_or(Time::MAX, |seconds| clock.data + Duration::from_seconds(seconds));
-        Ok(Place { bus, emulator, epoch: args.process.epoch, clock, until, shutdown })
+        Ok(Place { bus, emulator, epoch: args.process.epoch, clock, until, shutdown, real_time })
     }
 
     fn emulate<T: Message>(
@@ -128,6 +138,7 @@ impl Place {
             until: self.until,
             sensor: sensor_of(self.emulator),
         };
+        self.real_time.enter();
         Ok(emulator.run(self.epoch > 0, holds)?)
     }
 }

@@ -19,13 +19,14 @@ use nav_models::state::NavState;
 use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
-    AIDING, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason, Sensor,
-    SensorCounts, Solution, SolutionStatus, Time,
+    AIDING, AnchorMethod, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason,
+    Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
-use crate::recovery::{SUSPICIOUS_EPOCHS, loosening};
+use crate::realignment::{LOST, Realignment, is_plausible};
+use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes};
 use crate::rows::DIM;
 use crate::smoother::Smoothed;
 use crate::ties::{Closing, Pending, Ties, place};
@@ -50,6 +51,7 @@ pub struct FgoEstimator {
     open: OpenInterval,
     pending: Vec<Pending>,
     ties: Ties,
+    realignment: Realignment,
     newest_covariance: Block<DIM>,
     solutions: u64,
     report: KeyframeReport,
@@ -61,20 +63,26 @@ pub struct FgoEstimator {
 impl FgoEstimator {
     /// An estimator without origin: it waits for [`FgoEstimator::set_origin`].
     pub fn new(config: &Config) -> FgoEstimator {
+        let mut config = config.clone();
+        if config.navigator.keyframes.anchor == AnchorMethod::Joint {
+            // The columns beside the chain know nothing of the readings that are in an interval's factor.
+            config.navigator.sensors.iter_mut().for_each(|sensor| sensor.time_offset = sensor.time_offset.as_given());
+        }
         FgoEstimator {
-            config: config.clone(),
             imu: ImuModel { noise: config.vehicle.imu.clone(), gate: config.navigator.imu },
             window: None,
-            initialiser: Initialiser::new(config),
+            initialiser: Initialiser::new(&config),
             history: ImuHistory::with_capacity(8 * INTERVAL_SAMPLES),
             open: OpenInterval::with_capacity(INTERVAL_SAMPLES),
             pending: Vec::with_capacity(256),
-            ties: Ties::new(config),
+            ties: Ties::new(&config),
+            realignment: Realignment::default(),
             newest_covariance: Block::zeros(),
             solutions: 0,
             report: KeyframeReport::empty(),
             is_started: false,
             t_resumed: Time::MIN,
+            config,
         }
     }
 
@@ -82,8 +90,16 @@ impl FgoEstimator {
     pub fn set_origin(&mut self, origin: Geodetic) {
         if self.window.is_none() {
             let world = WorldModel::new(origin, &self.config);
-            self.window = Some(Window::new(self.config.navigator.fgo, world));
+            self.window = Some(self.empty_window(world));
         }
+    }
+
+    fn empty_window(&self, world: WorldModel) -> Window {
+        let mut window = Window::new(self.config.navigator.fgo, world);
+        if self.config.navigator.keyframes.anchor == AnchorMethod::Joint {
+            window.join_intervals();
+        }
+        window
     }
 
     /// Takes up from a solution of an earlier run of this estimator: its keyframe becomes the first, its covariance the
@@ -95,7 +111,7 @@ impl FgoEstimator {
             return false;
         }
         let world = WorldModel::new(Geodetic::from_degrees(lat_deg, lon_deg, height), &self.config);
-        let mut window = Window::new(self.config.navigator.fgo, world);
+        let mut window = self.empty_window(world);
         if window.start(Time(solution.t_keyframe), &state, &covariance).is_err() {
             return false;
         }
@@ -208,20 +224,34 @@ impl FgoEstimator {
         let before = window.nodes()[window.nodes().len() - 1].state;
         let predicted = transport(&before, &whole, window.world());
         let height_sigma = self.newest_covariance[(2, 2)].max(0.0).sqrt();
+        let is_lost = !is_plausible(&predicted);
         let loosened = match self.ties.epochs_refused() {
+            _ if is_lost => Some(LOST),
             (count, Some(since)) if count >= SUSPICIOUS_EPOCHS => {
                 loosening(&self.pending, t, &predicted, height_sigma, t - since, &self.config)
             }
-            _ => None,
+            _ => loosening_by_fixes(&self.pending, &predicted, t, self.ties.fixes_improbable()),
         };
-        let mut increment = whole;
-        if let Some(loosening) = &loosened {
-            loosening.apply(&mut increment);
-        }
-        let covariance = predict_covariance(&self.newest_covariance, &before, &increment, window.world());
-        if !predicted.is_finite() || window.append(t, &predicted, whole, loosened).is_err() {
-            return Err(EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" });
-        }
+        let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };
+        let covariance = match &loosened {
+            Some(loosening) if is_lost || self.realignment.is_due(t) => {
+                self.ties.begin_anew();
+                let noise = &self.config.vehicle.imu;
+                let place = if is_lost { self.realignment.last_well() } else { predicted };
+                let (first, covariance) =
+                    self.realignment.begin(&place, loosening, height_sigma, &whole.increment, noise);
+                window.start(t, &first, &covariance).map_err(|_| singular)?;
+                covariance
+            }
+            _ => {
+                let mut increment = whole;
+                if let Some(loosening) = &loosened {
+                    loosening.apply(&mut increment);
+                }
+                window.append(t, &predicted, whole, loosened).map_err(|_| singular)?;
+                predict_covariance(&self.newest_covariance, &before, &increment, window.world())
+            }
+        };
 
         self.report = KeyframeReport::empty();
         let closing = Closing {
@@ -236,6 +266,7 @@ impl FgoEstimator {
         let ready = self.ties.sort_out(&mut self.pending, t);
         self.ties.tie_all(&self.pending[..ready], window, &closing, &mut self.report);
         self.pending.drain(..ready);
+        window.join(&self.history, &self.imu);
         self.report.cost[0] = window.cost();
 
         let max_passes = match effort {
@@ -263,7 +294,15 @@ impl FgoEstimator {
                 ..again
             };
         }
+        let is_aligned = !self.realignment.is_searching()
+            || self.realignment.search(window, self.config.navigator.fgo.window, &self.history, &self.imu);
         self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
+        if let Some(newest) = window.nodes().back() {
+            if is_aligned && loosened.is_none() && is_plausible(&newest.state) {
+                self.realignment.is_well(&newest.state);
+            }
+            self.realignment.cover(&newest.state, &mut self.newest_covariance);
+        }
         for (sensor, term, variance) in self.ties.offsets.to_cover() {
             let by_offset = window.state_by_offset(sensor, term);
             self.newest_covariance += by_offset * by_offset.transpose() * variance;
@@ -276,7 +315,7 @@ impl FgoEstimator {
         if effort == Effort::Hold {
             return Ok(None);
         }
-        Ok(Some(self.solution(t, solve, loosened.is_some())))
+        Ok(Some(self.solution(t, solve, loosened.is_some() || !is_aligned)))
     }
 
     /// The newest keyframe as a message; also completes the report.

@@ -13,7 +13,7 @@ use nav_models::state::NavState;
 use nav_models::world::WorldModel;
 use shared_types::{Kernel, Sensor, Time};
 
-use crate::rows::{Group, Rows};
+use crate::rows::{DIM, Group, Rows};
 
 /// One measurement tied to a keyframe.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +45,28 @@ pub struct Stamp {
     pub point: ImuPoint,
     /// 1-sigma of what its time may be off by, s.
     pub sigma: f64,
+}
+
+/// A reading that is not whitened. Rows that the sensor does not have are zero, of unit variance: they say nothing.
+#[derive(Clone, Copy, Debug)]
+pub struct Parts {
+    /// Predicted minus measured, and beside it the Jacobian on the keyframe.
+    pub rows: SMatrix<f64, ROWS_MAX, { 1 + DIM }>,
+    /// Q: how it feels the increment's noise.
+    pub noise_rows: SMatrix<f64, ROWS_MAX, DIM>,
+    /// R_z.
+    pub covariance: SMatrix<f64, ROWS_MAX, ROWS_MAX>,
+}
+
+impl Parts {
+    fn of<const ROWS: usize>(anchored: &Anchored<ROWS>) -> Parts {
+        let mut parts = Parts { rows: SMatrix::zeros(), noise_rows: SMatrix::zeros(), covariance: SMatrix::identity() };
+        parts.rows.fixed_view_mut::<ROWS, 1>(0, 0).copy_from(&anchored.residual);
+        parts.rows.fixed_view_mut::<ROWS, DIM>(0, 1).copy_from(&anchored.jacobian);
+        parts.noise_rows.fixed_rows_mut::<ROWS>(0).copy_from(&anchored.noise_rows.whole());
+        parts.covariance.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&anchored.covariance);
+        parts
+    }
 }
 
 impl Factor {
@@ -157,6 +179,17 @@ impl Factor {
         }
     }
 
+    /// What it says at the end of the increment from its keyframe, its own noise and that of the increment apart.
+    pub fn parts(&self, linearised: &NavState, increment: &Increment, world: &WorldModel) -> Parts {
+        match self.model {
+            Model::Lbl(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
+            Model::Gnss(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
+            Model::Dvl(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
+            Model::Mcp(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
+            Model::Ps(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
+        }
+    }
+
     fn anchored<const ROWS: usize>(
         &self,
         model: &impl SensorModel<ROWS>,
@@ -207,7 +240,6 @@ impl Factor {
 mod tests {
     use super::*;
     use crate::kernels::{Block, BlockVector};
-    use crate::rows::DIM;
     use approx::assert_relative_eq;
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
     use nav_geometry::Geodetic;

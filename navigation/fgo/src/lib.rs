@@ -8,8 +8,10 @@
 //! | `node.rs` | what is tied to one keyframe? |
 //! | `interval.rs` | which IMU samples lie between two keyframes, and what do they add up to? |
 //! | `factor.rs` | what does one measurement say, whitened? |
+//! | `joint.rs` | what if it and the samples around it owe their errors to the same noise? |
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
+//! | `realignment.rs` | what if the heading itself is wrong? |
 //! | `columns.rs`, `time_offsets.rs` | are a sensor's stamps right? |
 //! | `chain.rs` | the block-tridiagonal solve |
 //!
@@ -22,7 +24,9 @@ mod columns;
 mod estimator;
 mod factor;
 mod interval;
+mod joint;
 mod node;
+mod realignment;
 mod rows;
 mod smoother;
 mod ties;

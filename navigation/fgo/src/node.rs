@@ -12,6 +12,7 @@ use crate::chain::Link;
 use crate::columns::Columns;
 use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
+use crate::joint::Between;
 use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed, dot};
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Rows};
@@ -52,6 +53,8 @@ pub struct Node {
     pub sensors: (Block<DIM>, BlockVector<DIM>),
     /// IMU interval to the next keyframe; nothing for the newest.
     pub interval: Interval,
+    /// Measurements that are one factor with that interval.
+    pub between: Between,
     /// Its place in the chain.
     pub link: Link<DIM>,
     /// The time offsets' columns beside it.
@@ -112,6 +115,11 @@ impl Interval {
         Ok(())
     }
 
+    /// What the samples add up to; `None` while this is the newest keyframe.
+    pub fn increment(&self) -> Option<&Preintegration> {
+        self.closed.as_ref().map(|closed| &closed.factor.preintegration)
+    }
+
     /// Whether these biases are too far from those of the preintegration for its first-order correction.
     pub fn needs_reintegration(&self, state: &NavState) -> bool {
         self.closed
@@ -119,11 +127,19 @@ impl Interval {
             .is_some_and(|closed| closed.factor.preintegration.needs_reintegration(&state.accel_bias, &state.gyro_bias))
     }
 
-    /// Linearises between two keyframes. Does nothing on an open interval.
-    pub fn linearise(&mut self, near: &NavState, far: &NavState, world: &WorldModel) {
+    /// Linearises between two keyframes, with the measurements that are one factor with it. Does nothing on an open
+    /// interval.
+    pub fn linearise(&mut self, near: &NavState, far: &NavState, between: &Between, world: &WorldModel) {
         let Some(Closed { factor, weight, .. }) = self.closed.as_ref() else { return };
-        let (at_linearised, jacobians) = factor.residual_and_jacobians(near, far, world);
-        let whitener = &weight.whitener;
+        let (mut at_linearised, mut jacobians) = factor.residual_and_jacobians(near, far, world);
+        let mut whitener = &weight.whitener;
+        let known = wide(|| between.eliminate(near, &factor.preintegration, world));
+        if let Some(known) = &known {
+            at_linearised -= known.error.fixed_columns::<1>(0);
+            jacobians.from -= known.error.fixed_columns::<DIM>(1);
+            // Without it the interval keeps its own covariance, which is the larger one.
+            whitener = known.whitener.as_ref().unwrap_or(whitener);
+        }
         let Interval { near, far, coupling_transposed, cost, closed: _ } = self;
         wide(|| {
             // Whitened and transposed: (W J)ᵀ = Jᵀ Wᵀ, one column per row of W J.
@@ -143,6 +159,11 @@ impl Interval {
             add_times_transposed(&mut far.1, &far_transposed, &residual, -1.0);
             *cost = 0.5 * dot(&residual, &residual);
         });
+        if let Some(known) = known {
+            self.near.0 += known.information;
+            self.near.1 += known.right;
+            self.cost += known.cost;
+        }
     }
 }
 
@@ -158,6 +179,7 @@ impl Node {
             rows: Rows::default(),
             sensors: (Block::zeros(), BlockVector::zeros()),
             interval: Interval::default(),
+            between: Between::default(),
             link: Link::default(),
             columns: Columns::default(),
             cost: 0.0,
@@ -171,6 +193,7 @@ impl Node {
         self.delta = BlockVector::zeros();
         self.state = *state;
         self.factors.clear();
+        self.between.clear();
         self.rows.clear();
         self.sensors = (Block::zeros(), BlockVector::zeros());
         self.interval.closed = None;
@@ -188,6 +211,7 @@ impl Node {
         while index < self.factors.len() {
             index += Factor::push_rows(&self.factors[index..], &self.linearised, world, &mut self.rows);
         }
+        self.between.linearise(&self.linearised, world);
         self.refresh_weights(0.0);
         self.assemble_sensors();
     }
@@ -202,8 +226,15 @@ impl Node {
     /// Takes robust weights from the residuals at the present estimate where they differ by more than `tolerance`. Returns
     /// whether any changed.
     pub fn refresh_weights(&mut self, tolerance: f64) -> bool {
-        let Node { rows, delta, .. } = self;
-        wide(|| rows.refresh_weights(delta, tolerance))
+        let Node { rows, between, delta, .. } = self;
+        wide(|| rows.refresh_weights(delta, tolerance)) | between.refresh_weights(delta, tolerance)
+    }
+
+    /// Integrates anew up to the measurements that are one factor with the interval, where some have come or the
+    /// interval's biases have changed. Returns whether there were any.
+    pub fn join(&mut self, history: &ImuHistory, imu: &ImuModel) -> bool {
+        let Some(closed) = &self.interval.closed else { return false };
+        self.between.prepare(self.t, &closed.factor.preintegration, history, imu)
     }
 
     /// Takes a new total step. Says whether older states feel the change.
@@ -247,6 +278,7 @@ impl Node {
                 self.interval.closed = before;
             }
         }
+        self.join(history, imu);
         for factor in &mut self.factors {
             if let Some(increment) = &factor.increment
                 && increment.needs_reintegration(&accel_bias, &gyro_bias)

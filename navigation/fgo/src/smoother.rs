@@ -52,7 +52,7 @@ impl Smoothed {
         let report = window.solve_batch(max_passes, history, imu);
         let covariances = window.covariances()?;
         let mut used: [Vec<Time>; AIDING.len()] = Default::default();
-        for factor in window.nodes().iter().flat_map(|node| &node.factors) {
+        for factor in window.nodes().iter().flat_map(|node| node.factors.iter().chain(node.between.factors())) {
             if let Some(at) = AIDING.iter().position(|&aiding| aiding == factor.sensor()) {
                 used[at].push(factor.t);
             }

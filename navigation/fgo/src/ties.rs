@@ -103,6 +103,19 @@ impl Ties {
         self.judges.epochs_refused()
     }
 
+    /// Improbable satellite fixes in a row, and since when, if no range speaks for the state.
+    pub fn fixes_improbable(&self) -> (u32, Option<Time>) {
+        let (count, since) = self.judges.fixes_improbable();
+        let lbl = AIDING.iter().position(|&aiding| aiding == Sensor::Lbl).map_or(Time::MIN, |at| self.t_last_used[at]);
+        if since.is_some_and(|since| lbl < since) { (count, since) } else { (0, None) }
+    }
+
+    /// Forgets what was concluded from a state that was wrong.
+    pub fn begin_anew(&mut self) {
+        self.judges = Judges::default();
+        self.offsets = TimeOffsets::new(self.config.navigator.sensors.map(|sensor| sensor.time_offset));
+    }
+
     /// Counts a refusal.
     pub fn refuse(&mut self, sensor: Sensor, reason: RejectReason) {
         self.counts[sensor.index()].rejected[reason.index()] += 1;
@@ -189,7 +202,9 @@ impl Ties {
             window.tie(index, &self.epoch_factors, &self.epoch_rows);
         } else {
             for candidate in &self.epoch {
-                window.tie(index, core::slice::from_ref(&candidate.factor), candidate.rows.as_slice());
+                if !window.tie_jointly(index, &candidate.factor, &candidate.rows) {
+                    window.tie(index, core::slice::from_ref(&candidate.factor), candidate.rows.as_slice());
+                }
             }
         }
     }

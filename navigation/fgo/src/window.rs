@@ -14,13 +14,14 @@ use std::collections::VecDeque;
 use nav_geometry::so3;
 use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState};
+use nav_models::transport::transport;
 use nav_models::wide;
 use nav_models::world::WorldModel;
 use shared_types::{Duration, FgoConfig, Time};
 
 use crate::chain::Marginal;
 use crate::columns::{Before, ColumnPrior, OffsetScore, TERMS, fading};
-use crate::factor::Factor;
+use crate::factor::{Factor, MeasuredRows};
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{
     Block, BlockVector, NotPositiveDefinite, add_times_transposed, cholesky, dot, inverse_from_cholesky, solve_lower,
@@ -70,6 +71,8 @@ pub struct Window {
     column_prior: ColumnPrior,
     /// Whether the prior holds marginalised states, whose linearisation cannot be repeated.
     prior_is_marginal: bool,
+    /// Whether measurements between keyframes are one factor with their interval.
+    is_joint: bool,
     /// First link whose blocks changed since the last sweep.
     dirty: usize,
     /// First link that was swept since the time offsets' columns were.
@@ -89,6 +92,7 @@ impl Window {
             prior: Marginal { information: Block::zeros(), right: BlockVector::zeros() },
             column_prior: ColumnPrior::default(),
             prior_is_marginal: false,
+            is_joint: false,
             dirty: 0,
             columns_behind: 0,
             uncounted: 0,
@@ -132,6 +136,12 @@ impl Window {
             None => Node::new(t, state),
         };
         self.nodes.push_back(node);
+    }
+
+    /// Makes measurements between keyframes one factor with their interval, and moves linearisation points as a batch does:
+    /// what the joint form gains is smaller than what points far from the estimate cost.
+    pub fn join_intervals(&mut self) {
+        self.is_joint = true;
     }
 
     /// Index of the keyframe at exactly `t`.
@@ -189,14 +199,36 @@ impl Window {
         self.uncounted = self.uncounted.min(index);
     }
 
+    /// Ties a measurement that is one factor with the interval after its keyframe; `false`, and nothing is done, where this
+    /// window or this measurement has no such factor. To be followed by [`Window::join`].
+    pub fn tie_jointly(&mut self, index: usize, factor: &Factor, rows: &MeasuredRows) -> bool {
+        let is_between =
+            self.nodes.get(index + 1).is_some_and(|next| self.nodes[index].t < factor.t && factor.t < next.t);
+        if !self.is_joint || !is_between || factor.shares_offset() {
+            return false;
+        }
+        self.nodes[index].between.push(factor, rows);
+        true
+    }
+
+    /// Builds the factor of every interval anew into which [`Window::tie_jointly`] has put a measurement.
+    pub fn join(&mut self, history: &ImuHistory, imu: &ImuModel) {
+        for index in 0..self.nodes.len() {
+            if self.nodes[index].join(history, imu) {
+                self.linearise_interval(index);
+                self.uncounted = self.uncounted.min(index);
+            }
+        }
+    }
+
     fn linearise_interval(&mut self, index: usize) {
         if index + 1 >= self.nodes.len() {
             return;
         }
         let far = self.nodes[index + 1].linearised;
         let node = &mut self.nodes[index];
-        let near = node.linearised;
-        node.interval.linearise(&near, &far, &self.world);
+        let Node { linearised: near, interval, between, .. } = node;
+        interval.linearise(near, &far, between, &self.world);
         self.dirty = self.dirty.min(index);
     }
 
@@ -219,8 +251,7 @@ impl Window {
             // The last pass moves no linearisation point: a link changed but not swept would spoil the prior when its
             // neighbour is marginalised.
             if pass == max_passes {
-                report.converged =
-                    !(oldest_touched..self.nodes.len()).any(|k| self.may_move(k) && self.nodes[k].is_far());
+                report.converged = !(oldest_touched..self.nodes.len()).any(|k| self.may_move(k) && self.is_far(k));
                 break;
             }
             if !self.renew_from(oldest_touched, history, imu, &mut report) {
@@ -295,7 +326,7 @@ impl Window {
     fn renew_from(&mut self, first: usize, history: &ImuHistory, imu: &ImuModel, report: &mut SolveReport) -> bool {
         let mut changed = false;
         for index in first..self.nodes.len() {
-            if self.may_move(index) && self.nodes[index].is_far() {
+            if self.may_move(index) && self.is_far(index) {
                 self.reanchor(index, history, imu);
                 report.linearised += 1;
                 changed = true;
@@ -304,11 +335,24 @@ impl Window {
                 if node.refresh_weights(WEIGHT_TOLERANCE) {
                     node.assemble_sensors();
                     self.dirty = self.dirty.min(index);
+                    self.reweigh_interval(index);
                     changed = true;
                 }
             }
         }
         changed
+    }
+
+    fn is_far(&self, index: usize) -> bool {
+        let node = &self.nodes[index];
+        if self.is_joint { node.has_left_its_point() } else { node.is_far() }
+    }
+
+    /// Takes changed weights of measurements into the factor of their interval.
+    fn reweigh_interval(&mut self, index: usize) {
+        if !self.nodes[index].between.is_empty() {
+            self.linearise_interval(index);
+        }
     }
 
     /// Whether this state's linearisation point may follow its estimate.
@@ -414,6 +458,7 @@ impl Window {
                 }
             } else if self.nodes[index].refresh_weights(BATCH_WEIGHT_TOLERANCE) {
                 self.nodes[index].assemble_sensors();
+                self.reweigh_interval(index);
             }
             if index > 0 && (moved || before_moved) {
                 self.linearise_interval(index - 1);
@@ -452,6 +497,35 @@ impl Window {
         }
         self.prior = prior;
         self.relinearise(true, history, imu);
+    }
+
+    /// Puts the oldest keyframe to `first` with nothing before it but `covariance`, and carries the others from there through
+    /// the samples; the next solve is over the whole window.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`]: the covariance is not one; the window is left as it was.
+    pub fn begin_at(
+        &mut self,
+        first: &NavState,
+        covariance: &Block<DIM>,
+        history: &ImuHistory,
+        imu: &ImuModel,
+    ) -> Result<(), NotPositiveDefinite> {
+        let information = inverse_from_cholesky(&cholesky(covariance)?);
+        self.prior = Marginal { information, right: BlockVector::zeros() };
+        self.prior_is_marginal = false;
+        self.column_prior = ColumnPrior::default();
+        let mut state = *first;
+        for node in &mut self.nodes {
+            node.linearised = state;
+            node.delta = BlockVector::zeros();
+            node.state = state;
+            if let Some(increment) = node.interval.increment() {
+                state = transport(&state, increment, &self.world);
+            }
+        }
+        self.relinearise(true, history, imu);
+        Ok(())
     }
 
     /// Factorises every link; `false` where the matrix is singular.
@@ -510,5 +584,5 @@ fn interval_cost(near: &Node, far: &Node) -> f64 {
     add_times_transposed(&mut far_slope, &interval.far.0, &far.delta, 1.0);
     add_times_transposed(&mut far_slope, &interval.coupling_transposed, &near.delta, 2.0);
     let twice = dot(&near_slope, &near.delta) + dot(&far_slope, &far.delta);
-    (interval.cost + 0.5 * twice).max(0.0)
+    (interval.cost + 0.5 * twice).max(0.0) + near.between.robust_surplus(&near.delta)
 }

@@ -9,8 +9,10 @@ pub mod local_frame;
 pub mod so3;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+pub mod utm;
 pub mod wgs84;
 
 pub use gravity::{GravityModel, normal_gravity};
 pub use local_frame::{LocalFrame, SurfacePoint};
+pub use utm::UtmZone;
 pub use wgs84::Geodetic;

@@ -57,11 +57,14 @@ pub struct Centralised(Filter);
 
 impl Bank for Centralised {
     fn start(_config: &Config, state: &NavState, covariance: &Block<ERROR_DIM>) -> Centralised {
-        Centralised(Filter { state: *state, covariance: *covariance })
+        Centralised(Filter::new(*state, *covariance))
     }
 
     fn predict(&mut self, stretch: &Stretch<'_>) -> Result<(), Diverged> {
-        predict(&mut self.0, stretch, 1.0)
+        let NavState { accel_bias, gyro_bias, .. } = self.0.state;
+        let Stretch { from, to, history, imu, world } = *stretch;
+        let increment = history.integrate(from, to, &accel_bias, &gyro_bias, imu).ok_or(Diverged)?;
+        self.0.predict(&increment, 1.0, world)
     }
 
     fn local(&mut self, _place: usize) -> &mut Filter {
@@ -79,12 +82,4 @@ impl Bank for Centralised {
     fn published(&self) -> Filter {
         self.0
     }
-}
-
-/// One filter over a stretch, with its share of the information about the motion.
-pub(crate) fn predict(filter: &mut Filter, stretch: &Stretch<'_>, share: f64) -> Result<(), Diverged> {
-    let NavState { accel_bias, gyro_bias, .. } = filter.state;
-    let increment =
-        stretch.history.integrate(stretch.from, stretch.to, &accel_bias, &gyro_bias, stretch.imu).ok_or(Diverged)?;
-    filter.predict(&increment, share, stretch.world)
 }

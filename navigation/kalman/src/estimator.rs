@@ -44,6 +44,10 @@ const SAMPLES_USUAL: usize = 8192;
 /// Most keyframes for which room is made beforehand.
 const KEYFRAMES_RESERVED: usize = 1024;
 
+/// The update that lets a state go which was wrong by tens of metres is no small step: linearised once, ranges leave it metres off
+/// at sigmas of decimetres, and everything after is refused.
+const ITERATIONS_OF_A_JUMP: usize = 10;
+
 /// Everything that changes when a reading is taken in, as it stands at one time.
 #[derive(Clone, Debug)]
 struct Standing<B> {
@@ -240,13 +244,16 @@ impl<B: Bank> KalmanEstimator<B> {
             let filter = now.bank.local(first.place);
             let loosened =
                 self.updater.loosening(&mut self.timeline, group.clone(), filter, ledger.judges, &self.config);
+            let mut iterations = self.config.navigator.kalman.iterations;
             if let Some(loosened) = &loosened {
                 now.bank.loosen(loosened);
                 self.effects.loosened = true;
+                iterations = iterations.max(ITERATIONS_OF_A_JUMP);
             }
             let around = Surroundings { config: &self.config, world: &world, history: &self.history };
             let filter = now.bank.local(first.place);
-            let done = self.updater.take_in(&mut self.timeline, group.clone(), filter, &around, &mut ledger);
+            let done =
+                self.updater.take_in(&mut self.timeline, group.clone(), filter, iterations, &around, &mut ledger);
             if let Some(done) = done {
                 self.effects.diverged |= now.bank.fuse().is_err();
                 now.t_last_used[first.place] = now.t_last_used[first.place].max(first.t);

@@ -12,6 +12,9 @@
 //!
 //! **Iterated**: the group is linearised anew at x̄ ⊞ δ and folded into the *prior* again, with J·G(δ) for its Jacobian; that is
 //! Gauss-Newton on the cost of one state.
+//!
+//! **About another's state**: a local filter of a federated one may hold its estimate as an offset from the state that all have
+//! in common. It is linearised there, moves its offset and leaves the state alone.
 
 use nalgebra::ArrayStorage;
 use nav_geometry::so3;
@@ -21,7 +24,7 @@ use nav_models::preintegration::Preintegration;
 use nav_models::recovery::Loosening;
 use nav_models::row::Row;
 use nav_models::state::{ATTITUDE, ERROR_DIM, NavState, POSITION, VELOCITY};
-use nav_models::transport::transport;
+use nav_models::transport::{transport, transport_jacobians};
 use nav_models::wide;
 use nav_models::world::WorldModel;
 
@@ -36,10 +39,12 @@ pub struct Diverged;
 /// State and covariance.
 #[derive(Clone, Copy, Debug)]
 pub struct Filter {
-    /// The estimate.
+    /// Where it is linearised: the estimate, unless there is an offset.
     pub state: NavState,
-    /// Of its error coordinates.
+    /// Of the error coordinates at `state`.
     pub covariance: Block<ERROR_DIM>,
+    /// Where the estimate lies from `state`; `None` if it is the estimate.
+    pub offset: Option<BlockVector<ERROR_DIM>>,
 }
 
 /// What an update did.
@@ -54,6 +59,16 @@ pub struct Linearised {
 }
 
 impl Filter {
+    /// That stands at its own estimate.
+    pub fn new(state: NavState, covariance: Block<ERROR_DIM>) -> Filter {
+        Filter { state, covariance, offset: None }
+    }
+
+    /// Where the estimate lies from `state`.
+    pub(crate) fn mean(&self) -> BlockVector<ERROR_DIM> {
+        self.offset.unwrap_or_else(BlockVector::zeros)
+    }
+
     /// Carries the filter over an increment that begins at its state. `share` is the part of the information about the
     /// motion that is this filter's: its noise is divided by it.
     ///
@@ -66,7 +81,13 @@ impl Filter {
         } else {
             predict_covariance(&(self.covariance * share), &self.state, increment, world) / share
         };
-        self.replace(state, covariance)
+        let offset = self.offset.map(|offset| {
+            let mut carried = offset;
+            let moved = transport_jacobians(&self.state, increment, world).state * offset;
+            carried.fixed_rows_mut::<9>(0).copy_from(&moved);
+            carried
+        });
+        self.replace(Filter { state, covariance, offset })
     }
 
     /// Folds a group of measurements in. `linearise` writes their rows at the state it is given; it is called again, up to
@@ -81,26 +102,32 @@ impl Filter {
         rows: &mut Vec<Row>,
     ) -> Result<Linearised, Diverged> {
         let mut done = Linearised::default();
+        let prior = self.mean();
+        let iterations = if self.offset.is_some() { 1 } else { iterations.max(1) };
         let (mut delta, mut covariance) = (BlockVector::<ERROR_DIM>::zeros(), self.covariance);
-        for pass in 1..=iterations.max(1) {
+        for pass in 1..=iterations {
             rows.clear();
             linearise(&self.state.retract(&delta), rows);
             into_chart(rows, &delta);
             if pass == 1 {
-                done.cost[0] = cost(rows, &delta);
+                done.cost[0] = cost(rows, &prior);
             }
             let before = delta;
-            (delta, covariance) = wide(|| fold(&self.covariance, rows));
+            (delta, covariance) = wide(|| fold(&prior, &self.covariance, rows));
             done.passes += 1;
             if is_small(&(delta - before)) {
                 done.converged = true;
                 break;
             }
         }
-        done.converged |= iterations <= 1;
+        done.converged |= iterations == 1;
         done.cost[1] = cost(rows, &delta);
-        let turn = so3::right_jacobian(&delta.fixed_rows::<3>(ATTITUDE).into_owned());
-        self.replace(self.state.retract(&delta), in_new_chart(&covariance, &turn))?;
+        if self.offset.is_some() {
+            self.replace(Filter { state: self.state, covariance, offset: Some(delta) })?;
+        } else {
+            let turn = so3::right_jacobian(&delta.fixed_rows::<3>(ATTITUDE).into_owned());
+            self.replace(Filter::new(self.state.retract(&delta), in_new_chart(&covariance, &turn)))?;
+        }
         Ok(done)
     }
 
@@ -113,15 +140,15 @@ impl Filter {
         }
     }
 
-    /// Takes a new state and covariance, made symmetric, if they are numbers.
-    pub(crate) fn replace(&mut self, state: NavState, covariance: Block<ERROR_DIM>) -> Result<(), Diverged> {
-        let covariance = (covariance + covariance.transpose()) * 0.5;
+    /// Becomes `new`, its covariance made symmetric, if that holds nothing but numbers.
+    pub(crate) fn replace(&mut self, new: Filter) -> Result<(), Diverged> {
+        let covariance = (new.covariance + new.covariance.transpose()) * 0.5;
         let is_covariance =
             (0..ERROR_DIM).all(|i| covariance[(i, i)] >= 0.0) && covariance.iter().all(|x| x.is_finite());
-        if !state.is_finite() || !is_covariance {
+        if !new.state.is_finite() || !is_covariance || !new.mean().iter().all(|x| x.is_finite()) {
             return Err(Diverged);
         }
-        *self = Filter { state, covariance };
+        *self = Filter { covariance, ..new };
         Ok(())
     }
 }
@@ -151,10 +178,14 @@ fn cost(rows: &[Row], delta: &BlockVector<ERROR_DIM>) -> f64 {
     0.5 * rows.iter().map(|row| row.weight * row.after(delta).powi(2)).sum::<f64>()
 }
 
-/// δ and P given N(0, `prior`) and all rows.
+/// δ and P given N(`mean`, `covariance`) and all rows.
 #[inline(always)]
-fn fold(prior: &Block<ERROR_DIM>, rows: &[Row]) -> (BlockVector<ERROR_DIM>, Block<ERROR_DIM>) {
-    let (mut delta, mut covariance) = (BlockVector::<ERROR_DIM>::zeros(), *prior);
+fn fold(
+    mean: &BlockVector<ERROR_DIM>,
+    covariance: &Block<ERROR_DIM>,
+    rows: &[Row],
+) -> (BlockVector<ERROR_DIM>, Block<ERROR_DIM>) {
+    let (mut delta, mut covariance) = (*mean, *covariance);
     for row in rows {
         if row.weight > 0.0 {
             fold_row(&mut delta, &mut covariance, row);

@@ -146,3 +146,63 @@ impl Timeline {
         self.done = 0;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(t: i64, reading: Reading) -> Entry {
+        let mut measurement = Measurement::new(Time(t), Time(t), &reading);
+        measurement.epoch = u32::from(matches!(reading, Reading::Lbl { .. }));
+        Entry::new(Time(t), &measurement, reading).expect("an aiding sensor")
+    }
+
+    fn range(t: i64, buoy: u32) -> Entry {
+        entry(t, Reading::Lbl { buoy, epoch: 1, range: 5.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0 })
+    }
+
+    fn depth(t: i64) -> Entry {
+        entry(t, Reading::Ps { depth: 1.0 })
+    }
+
+    #[test]
+    fn ranges_stand_behind_their_instant_and_go_together() {
+        let mut timeline = Timeline::new();
+        for entry in [range(5, 2), range(5, 0), depth(5), depth(7)] {
+            assert_eq!(timeline.insert(entry), Some(true));
+        }
+        let mut groups = Vec::new();
+        while let Some(group) = timeline.next_group(Time(6)) {
+            groups.push(group.clone());
+            timeline.take(&group);
+        }
+        assert_eq!(groups, [0..1, 1..3]);
+        assert_eq!((timeline.get_mut(1).buoy(), timeline.get_mut(2).buoy()), (0, 2));
+    }
+
+    #[test]
+    fn a_late_reading_finds_its_place_and_rewinding_comes_back_to_it() {
+        let mut timeline = Timeline::new();
+        for t in [1, 3, 5] {
+            timeline.insert(depth(t));
+        }
+        while let Some(group) = timeline.next_group(Time(4)) {
+            timeline.take(&group);
+        }
+        assert_eq!(timeline.insert(depth(2)), Some(false));
+        assert_eq!(timeline.next_group(Time(9)).map(|group| group.start), Some(3), "the one at 5 is still next");
+        timeline.rewind_to(Time(1));
+        assert_eq!(timeline.next_group(Time(9)), Some(1..2));
+        timeline.forget_up_to(Time(4));
+        assert_eq!(timeline.next_group(Time(9)), Some(0..1), "only what was taken in is forgotten");
+    }
+
+    #[test]
+    fn a_reading_that_is_judged_again_is_counted_once() {
+        let mut counts = SensorCounts::default();
+        let mut depth = depth(1);
+        depth.settle(Outcome::Used, &mut counts);
+        depth.settle(Outcome::Refused(RejectReason::Gated), &mut counts);
+        assert_eq!((counts.used, counts.rejected_total()), (0, 1));
+    }
+}

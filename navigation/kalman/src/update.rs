@@ -11,7 +11,6 @@
 use nav_models::imu_history::ImuHistory;
 use nav_models::innovation::Innovation;
 use nav_models::judging::{Candidate, EPOCH_MAX, Judges};
-use nav_models::kernels::BlockVector;
 use nav_models::recovery::{Checked, Loosening, SUSPICIOUS_EPOCHS, loosening};
 use nav_models::robust::weight;
 use nav_models::row::{MeasuredRows, ROWS_MAX, Row};
@@ -105,15 +104,17 @@ impl Updater {
             self.pending.push((entry.measurement, entry.reading));
         }
         let height_sigma = filter.covariance[(2, 2)].max(0.0).sqrt();
-        loosening(&self.pending, first.t, &filter.state, height_sigma, first.t - since, config)
+        let state = filter.state.retract(&filter.mean());
+        loosening(&self.pending, first.t, &state, height_sigma, first.t - since, config)
     }
 
-    /// Takes one group in. Returns what the filter did, or `None` if nothing of the group reached it.
+    /// Takes one group in, linearised up to `iterations` times. Returns what the filter did, or `None` if nothing of the group reached it.
     pub(crate) fn take_in(
         &mut self,
         timeline: &mut Timeline,
         group: core::ops::Range<usize>,
         filter: &mut Filter,
+        iterations: usize,
         around: &Surroundings<'_>,
         ledger: &mut Ledger<'_>,
     ) -> Option<Linearised> {
@@ -160,7 +161,7 @@ impl Updater {
                 decorrelate(rows, offset_sigma);
             }
         };
-        match filter.update(around.config.navigator.kalman.iterations, linearise, rows) {
+        match filter.update(iterations, linearise, rows) {
             Ok(done) => Some(done),
             Err(_) => {
                 for member in &self.group {
@@ -218,7 +219,7 @@ fn evaluate(
     };
     let model = Model::of(&entry.reading, &around.config.vehicle, &filter.state, around.world, gyro)?;
     let rows = model.rows_at(&filter.state, around.world).map_err(|_| RejectReason::NotFinite)?;
-    let innovation = Innovation::of(rows.as_slice(), &BlockVector::zeros(), &filter.covariance);
+    let innovation = Innovation::of(rows.as_slice(), &filter.mean(), &filter.covariance);
     Ok(Evaluated { index, model, kernel: judges.kernel(entry.sensor, config), rows, innovation })
 }
 

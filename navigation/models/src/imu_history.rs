@@ -131,20 +131,63 @@ impl ImuHistory {
         let mut piece = Preintegration::new(*accel_bias, *gyro_bias);
         let mut last = TimedPoint { t: from, point: self.at(from)? };
         let end = TimedPoint { t: to, point: self.at(to)? };
-        let mut step = |next: &TimedPoint| {
+        // The first step and the last may be parts of one between two samples, which may be a gap.
+        let inflation = |one: Time, other: Time| model.inflation(self.sampling_period_at(one.max(other)));
+        let mut step = |next: &TimedPoint, inflation: f64| {
             let dt = next.t - last.t;
             if dt != Duration::ZERO {
-                piece.step(&model.noise, dt.as_seconds(), &last.point, &next.point, model.inflation(dt));
+                piece.step(&model.noise, dt.as_seconds(), &last.point, &next.point, inflation);
             }
             last = *next;
         };
+        let mut t_last = from;
+        let mut whole = |next: &TimedPoint| {
+            let is_first = t_last == from;
+            let of_step = if is_first { inflation(from, next.t) } else { model.inflation(next.t - t_last) };
+            step(next, of_step);
+            t_last = next.t;
+        };
         if from <= to {
-            self.between(from, to).for_each(&mut step);
+            self.between(from, to).for_each(&mut whole);
         } else {
-            self.between(to, from).rev().for_each(&mut step);
+            self.between(to, from).rev().for_each(&mut whole);
         }
-        step(&end);
+        step(&end, inflation(t_last, to));
         Some(piece)
+    }
+
+    /// Preintegrates once from `from` on and gives each of `ends`, which are in order and not before `from`, the prefix up
+    /// to it. `None` where the history ends before the last of them.
+    pub fn prefixes<T>(
+        &self,
+        from: Time,
+        ends: impl Iterator<Item = (Time, T)>,
+        (accel_bias, gyro_bias): (&Vector3<f64>, &Vector3<f64>),
+        model: &ImuModel,
+        mut give: impl FnMut(T, &Preintegration),
+    ) -> Option<()> {
+        let mut run = Preintegration::new(*accel_bias, *gyro_bias);
+        let mut last = TimedPoint { t: from, point: self.at(from)? };
+        let mut samples = self.between(from, Time::MAX).peekable();
+        for (t, end) in ends {
+            while let Some(next) = samples.next_if(|sample| sample.t <= t) {
+                let dt = next.t - last.t;
+                run.step(&model.noise, dt.as_seconds(), &last.point, &next.point, model.inflation(dt));
+                last = *next;
+            }
+            if t == last.t {
+                give(end, &run);
+                continue;
+            }
+            // The main run goes on unsplit.
+            let next = samples.peek()?;
+            let at = interpolate(&last, next, t);
+            let mut side = run;
+            let inflation = model.inflation(next.t - last.t);
+            side.step(&model.noise, (t - last.t).as_seconds(), &last.point, &at, inflation);
+            give(end, &side);
+        }
+        Some(())
     }
 }
 
@@ -152,4 +195,32 @@ impl ImuHistory {
 pub fn interpolate(first: &TimedPoint, second: &TimedPoint, t: Time) -> ImuPoint {
     let share = (t - first.t).as_seconds() / (second.t - first.t).as_seconds();
     ImuPoint::interpolate(&first.point, &second.point, share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::noise;
+    use shared_types::Config;
+
+    #[test]
+    fn a_piece_of_a_gap_is_as_uncertain_as_the_gap() {
+        let model = ImuModel { noise: noise(), gate: Config::default().navigator.imu };
+        let mut history = ImuHistory::with_capacity(16);
+        for t in [0.0, 0.005, 1.005, 1.01] {
+            history.push(Time::from_seconds(t), ImuPoint::default());
+        }
+        let variance = |from: f64, to: f64| {
+            let (from, to) = (Time::from_seconds(from), Time::from_seconds(to));
+            let zero = Vector3::zeros();
+            let piece = history.integrate(from, to, &zero, &zero, &model).expect("inside");
+            piece.covariance()[(6, 6)] / (to - from).abs().as_seconds()
+        };
+        let whole = variance(0.005, 1.005);
+        assert!(whole > 1e3 * variance(0.0, 0.005));
+        for (from, to) in [(0.1, 0.11), (0.11, 0.1), (0.005, 0.4), (0.4, 0.005), (0.9, 1.005), (1.005, 0.9)] {
+            let piece = variance(from, to);
+            assert!((piece / whole - 1.0).abs() < 1e-9, "{from} to {to}: {piece:e} {whole:e}");
+        }
+    }
 }

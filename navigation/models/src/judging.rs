@@ -52,6 +52,11 @@ impl Judges {
         self.refusals[Sensor::Lbl.index()].run()
     }
 
+    /// Satellite fixes in a row that a gate would refuse, and since when: they are believed less, by their kernel.
+    pub fn fixes_improbable(&self) -> (u32, Option<Time>) {
+        self.refusals[Sensor::Gnss.index()].run()
+    }
+
     /// Judges what one sensor measured at `t`: gates, sets weights, tells of each. What was refused leaves the group.
     /// With `shares_offset` the group is an epoch of ranges with a common unknown offset, judged without its median.
     pub fn judge<C: Candidate>(
@@ -86,7 +91,7 @@ impl Judges {
             tell(candidate, Verdict { refused, weight });
             !refused
         });
-        if is_gated {
+        if is_gated || sensor == Sensor::Gnss {
             self.refusals[sensor.index()].observe(t, passed_any);
         }
     }

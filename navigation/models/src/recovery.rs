@@ -7,7 +7,7 @@
 //! increment of the closing interval is loosened by as much as the state is off, the gates see a covariance that covers the
 //! truth, and the published sigmas say so.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix4, Vector3, Vector4};
 use shared_types::{Config, Duration, Measurement, Reading, Time};
 
 use crate::preintegration::Preintegration;
@@ -120,10 +120,37 @@ pub fn loosening(
     })
 }
 
+/// Satellite fixes in a row that no sigma explains, and for how long, before they overrule the state; only where no range
+/// speaks for it. A jump of the receiver at surfacing is over sooner, as a rule.
+const SUSPICIOUS_FIXES: u32 = 5;
+const SUSPICIOUS_FOR: Duration = Duration(5_000_000_000);
+
+/// The same by satellite fixes that disagree with the state for long: `count` in a row since `since`.
+pub fn loosening_by_fixes(
+    pending: &[Checked],
+    predicted: &NavState,
+    t: Time,
+    (count, since): (u32, Option<Time>),
+) -> Option<Loosening> {
+    let refused_for = t - since.filter(|_| count >= SUSPICIOUS_FIXES)?;
+    if refused_for < SUSPICIOUS_FOR {
+        return None;
+    }
+    let fix = pending.iter().rev().find_map(|(_, reading)| match *reading {
+        Reading::Gnss { antenna_enu, .. } => Some(Vector3::from(antenna_enu)),
+        _ => None,
+    })?;
+    let shift = (fix - predicted.position_enu).norm();
+    Some(Loosening {
+        position: shift.max(POSITION_MIN),
+        velocity: (2.0 * shift / refused_for.as_seconds()).max(VELOCITY_MIN),
+        attitude: ATTITUDE,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector3;
     use shared_types::Measurement;
 
     const BUOYS: [[f64; 3]; 4] = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0], [200.0, 500.0, 0.0]];

@@ -118,11 +118,15 @@ fn reading() -> impl Strategy<Value = (i64, u8, [f64; 6])> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 160, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_stream_of_readings_makes_it_panic_or_publish_nan(stream in prop::collection::vec(reading(), 200..900)) {
-        let sets = ["frame.origin=[36.38, 127.36, 0.0]", "initial.position=[0.0, 0.0, -10.0]",
+    fn no_stream_of_readings_makes_it_panic_or_publish_nan(
+        stream in prop::collection::vec(reading(), 200..900),
+        estimator in prop::sample::select(vec!["fgo", "fgo", "ekf", "fkf"]),
+        reset in any::<bool>(),
+    ) {
+        let sets = [&format!("estimator={estimator}"), &format!("kalman.reset={reset}"), "frame.origin=[36.38, 127.36, 0.0]", "initial.position=[0.0, 0.0, -10.0]",
             "initial.velocity=[0.0, 0.0, 0.0]", "initial.quaternion=[1.0, 0.0, 0.0, 0.0]"];
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
         let config = Config::load(&[], &sets).expect("valid");
@@ -150,5 +154,18 @@ proptest! {
                 }
             });
         }
+    }
+}
+
+#[test]
+fn a_heading_that_is_wrong_by_half_a_turn_is_found_without_a_compass() {
+    // The right one turned about the vertical; the sigma says 0.5 deg.
+    let turned = "initial.quaternion=[-0.7666956, -0.0002968, -0.0010039, 0.6420099]";
+    let sets = ["mcp.enabled=false", "gnss.enabled=false", turned];
+    let ran = Run { sets: &sets, until: 260.0, seed: 1, ..MISSION }.go();
+    assert!(ran.solutions.iter().any(|s| s.status == SolutionStatus::Loosened as u32), "the state was suspected");
+    for pair in ran.pairs.iter().filter(|pair| pair.estimate.t.as_seconds() > 230.0) {
+        let error = pair.position_error_enu.xy().norm();
+        assert!(error < 0.5, "{error} m at {}", pair.estimate.t);
     }
 }

@@ -105,7 +105,7 @@ impl KeyframeTimes {
     }
 
     /// The keyframe to which a reading at `t` is tied: the nearer neighbour, of two equally near ones the earlier; with
-    /// [`AnchorMethod::Fpf`] always the earlier neighbour. `None` where every keyframe of a window is later, or where
+    /// [`AnchorMethod::Fpf`] and [`AnchorMethod::Joint`] always the earlier neighbour. `None` where every keyframe of a window is later, or where
     /// there is no keyframe yet.
     ///
     /// A reading before the very first keyframe (of the initialisation) is tied to that.
@@ -115,7 +115,8 @@ impl KeyframeTimes {
         match (before, self.recent.get(after)) {
             (Some(before), Some(&after)) => {
                 let is_nearer_to_after = after - t < t - before;
-                Some(if is_nearer_to_after && self.config.anchor != AnchorMethod::Fpf { after } else { before })
+                let is_always_forward = matches!(self.config.anchor, AnchorMethod::Fpf | AnchorMethod::Joint);
+                Some(if is_nearer_to_after && !is_always_forward { after } else { before })
             }
             (None, Some(&first)) => (self.recent.len() == 1 && Some(first) == self.start).then_some(first),
             (before, None) => before,

@@ -15,7 +15,7 @@
 //! A filter needs none of it ([`AnchorMethod::AtOnce`]): its readings go out as soon as they are taken up, tied to their own time,
 //! and the bracket says when a solution is wanted.
 //!
-//! FPF ties to the earlier neighbour always. PF pretends that the reading was taken at its keyframe: its `t_valid`
+//! FPF and the joint form tie to the earlier neighbour always. PF pretends that the reading was taken at its keyframe: its `t_valid`
 //! becomes `t_keyframe`.
 
 use shared_types::{AnchorMethod, KeyframeCause, Measurement, Reading, RejectReason, Sensor, Time};

@@ -346,6 +346,22 @@ fn known_tracks_reach_both_ways_where_live_fixes_only_carry_on() {
 }
 
 #[test]
+fn a_filter_hears_of_each_reading_before_the_bracket_of_its_keyframe() {
+    let mut config = config();
+    config.navigator.keyframes.anchor = AnchorMethod::AtOnce;
+    let mut preprocessor = Preprocessor::new(&config);
+    let out = feed(&mut preprocessor, &[(0.0, 1.5)], &[ps(0.3, 1.0), ps(1.0, 1.0), ps(1.4, 1.0)]);
+    let at = |t: f64| out.iter().position(|m| m.sensor() == Some(Sensor::Imu) && m.t_valid() == Time::from_seconds(t));
+    let first = out.iter().position(|m| m.sensor() == Some(Sensor::Ps)).unwrap();
+    assert!(first < at(0.4).unwrap(), "it waits for the settle time alone");
+    let bracketed = [("START", 0.0, 0.0), ("ps", 0.3, 0.3), ("ps", 1.0, 1.0), ("AGE", 1.25, 1.25), ("ps", 1.4, 1.4)];
+    assert_eq!(aided_rows(&out), bracketed);
+    let mut rest = Vec::new();
+    preprocessor.finish(&mut |m| rest.push(m));
+    assert_eq!(aided_rows(&rest), [("AGE", 1.5, 1.5)], "the last reading gets its bracket");
+}
+
+#[test]
 fn position_focused_readings_are_dated_to_their_keyframe() {
     let mut config = config();
     config.navigator.keyframes.anchor = AnchorMethod::Pf;

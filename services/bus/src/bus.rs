@@ -143,7 +143,7 @@ impl Bus {
         Ok(Subscriber::new(port, spec.name))
     }
 
-    /// What `reader` sleeps on.
+    /// What `reader` sleeps on ([`Waiter::polling`] if it does not sleep).
     ///
     /// # Errors
     /// [`BusError::Layer`] when its bell cannot be opened.

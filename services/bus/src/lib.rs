@@ -7,6 +7,7 @@
 //! The shared memory costs a microsecond, the wake-up twenty: a [`Publisher`] rings only the [bells](Reader) of those who
 //! must be woken, everybody else drains on a timer of his own.
 
+mod bare;
 mod bells;
 mod bus;
 mod error;
@@ -17,6 +18,7 @@ mod settings;
 mod subscriber;
 mod waiter;
 
+pub use bare::{BARE_BYTES, BareMessage, BareReceiver, BareSender};
 pub use bells::Reader;
 pub use bus::Bus;
 pub use error::BusError;

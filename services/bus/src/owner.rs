@@ -11,6 +11,7 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 use shared_types::{Channel, ChannelVisitor, Message, Overflow, Process, visit_channels};
 
+use crate::bare::BareServices;
 use crate::bells::Reader;
 use crate::bus::Bus;
 use crate::error::BusError;
@@ -57,6 +58,16 @@ impl Owner {
     /// The owner's own place on the bus, for its ports.
     pub fn bus(&self) -> &Bus {
         self.bus.as_ref().expect("only `drop` takes it")
+    }
+
+    /// Creates the bare hop that latencies are held against, beside the channels of the table.
+    ///
+    /// # Errors
+    /// [`BusError::Layer`].
+    pub fn offer_bare_hop(&mut self) -> Result<(), BusError> {
+        let services = BareServices::create(self.bus().node())?;
+        self.channels.push(Box::new(services));
+        Ok(())
     }
 
     /// Gives back what dead processes held; call it after a child's death and before its restart. Returns how many dead

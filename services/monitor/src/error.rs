@@ -1,5 +1,7 @@
 //! Why this process cannot begin or go on.
 
+use std::path::PathBuf;
+
 use ilns_bus::BusError;
 use ilns_runtime::RuntimeError;
 
@@ -12,6 +14,17 @@ pub enum MonitorError {
     /// The bus.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// The page.
+    #[error(transparent)]
+    Web(#[from] crate::web::WebError),
+    /// A page of one file that cannot be written.
+    #[error("{}: cannot write the page", file.display())]
+    Export {
+        /// Which file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
     /// What was asked for could not be printed.
     #[error("cannot write to standard output")]
     Output(#[from] std::io::Error),

@@ -6,8 +6,11 @@
 mod attitude;
 mod comparison;
 mod events;
+mod keyframes;
+mod latencies;
 mod processes;
 mod sensors;
+mod sightings;
 mod slope;
 mod stream;
 
@@ -16,16 +19,20 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use nav_geometry::{Geodetic, LocalFrame};
 use shared_types::{
-    AIDING, BuoyFix, FrameOrigin, Heartbeat, KeyframeReport, Mode, NavEstimate, Process, SENSORS, Sensor, Solution,
-    SolutionStatus, Time, Truth,
+    AIDING, BuoyFix, FrameOrigin, GnssFix, Heartbeat, KeyframeReport, LblRange, Mode, NavEstimate, Process, SENSORS,
+    Sensor, Solution, SolutionStatus, Time, Truth,
 };
 
+use crate::detail::{Hop, News};
 use crate::snapshot::{Buoy, Distribution, EventKind, Keyframe, Pose, Snapshot, Solver, TruthError};
 use attitude::{roll_pitch_heading, unit_quaternion};
 use comparison::Comparison;
 use events::Events;
+use keyframes::Keyframes;
+use latencies::LogHistogram;
 use processes::{Processes, is_own_word};
 use sensors::Sensors;
+use sightings::{Sightings, buoy_enu};
 use stream::EstimateStream;
 
 /// The preprocessor's account is old after this, s.
@@ -33,6 +40,9 @@ const STALE: f64 = 1.5;
 
 /// An error is shown for so long after its truth, s of data time: a truth may come once a second, and may end.
 const TRUTH_LASTS: f64 = 3.0;
+
+/// News that nobody takes are forgotten beyond so many of a kind.
+const NEWS_KEPT: usize = 256;
 
 /// Everything that is known of a set.
 #[derive(Clone, Debug)]
@@ -47,6 +57,11 @@ pub struct Model {
     comparison: Comparison,
     sensors: Sensors,
     buoys: BTreeMap<u32, BuoyFix>,
+    keyframes: Keyframes,
+    sightings: Sightings,
+    imu_to_estimate: LogHistogram,
+    solves: LogHistogram,
+    news: News,
     processes: Processes,
     events: Events,
 }
@@ -64,6 +79,11 @@ impl Model {
             comparison: Comparison::default(),
             sensors: Sensors::new(),
             buoys: BTreeMap::new(),
+            keyframes: Keyframes::default(),
+            sightings: Sightings::default(),
+            imu_to_estimate: LogHistogram::new(),
+            solves: LogHistogram::new(),
+            news: News::default(),
             processes: Processes::default(),
             events: Events::default(),
         }
@@ -72,6 +92,9 @@ impl Model {
     /// Folds in a message of `nav/estimate`.
     pub fn estimate(&mut self, estimate: &NavEstimate) {
         let news = self.estimates.enter(estimate);
+        if estimate.header.origin_t_arrival > 0 {
+            self.imu_to_estimate.record(estimate.header.t_published - estimate.header.origin_t_arrival);
+        }
         self.comparison.estimate(estimate);
         if let Some(kind) = news {
             self.event(kind);
@@ -82,13 +105,31 @@ impl Model {
     pub fn solution(&mut self, solution: &Solution) {
         let [lat_deg, lon_deg, height] = solution.origin;
         self.set_frame(lat_deg, lon_deg, height);
-        self.sensors.counts(&solution.counts);
+        self.sensors.solution(solution);
+        self.keyframes.solution(solution);
+        // The channel repeats its last message to late joiners.
+        if self.solution.as_ref().is_none_or(|last| last.id != solution.id) {
+            self.solves.record(i64::try_from(solution.solve_ns).unwrap_or(i64::MAX));
+        }
         self.solution = Some(*solution);
     }
 
     /// Folds in a message of `nav/diagnostics`.
     pub fn diagnostics(&mut self, report: &KeyframeReport) {
+        self.sensors.report(report);
+        self.sightings.report(report);
+        self.keyframes.report(report);
         self.report = Some(*report);
+    }
+
+    /// Folds in a message of `sensor/lbl`.
+    pub fn lbl(&mut self, range: &LblRange) {
+        self.sightings.lbl(range);
+    }
+
+    /// Folds in a message of `sensor/gnss`.
+    pub fn gnss(&mut self, fix: &GnssFix) {
+        self.sightings.gnss(fix);
     }
 
     /// Folds in a message of `nav/frame_origin`.
@@ -125,9 +166,19 @@ impl Model {
     pub fn settle(&mut self, now: i64) {
         self.now = now;
         self.estimates.settle();
+        let t = self.t();
         if let Some(frame) = &self.frame {
             self.comparison.settle(frame);
+            self.sightings.settle(t, frame, &mut self.news.fixes);
         }
+        self.keyframes.settle(&mut self.news.keyframes);
+        forget_beyond(NEWS_KEPT, &mut self.news.keyframes);
+        forget_beyond(NEWS_KEPT, &mut self.news.fixes);
+    }
+
+    /// What has become whole since the last call, for whoever keeps a history.
+    pub fn take_news(&mut self) -> News {
+        core::mem::take(&mut self.news)
     }
 
     /// What is known at the last [`Model::settle`].
@@ -138,14 +189,21 @@ impl Model {
             t: self.t().map(Time::as_seconds),
             speed: self.estimates.speed(),
             mode: self.estimates.mode(),
+            origin: self.frame.map(|frame| frame.origin().to_degrees()),
             pose: self.estimates.newest().and_then(|estimate| self.pose(estimate)),
             error: self.comparison.newest().filter(|error| self.is_current(error)).cloned(),
             estimates: self.estimates.brief(self.now),
             solver: self.solution.as_ref().map(|solution| self.solver(solution)),
             keyframe: self.report.as_ref().map(keyframe),
             end_to_end: own_word(Process::Propagator).and_then(|beat| Distribution::of(&beat.end_to_end)),
+            hops: self.hops(),
+            histograms: [self.imu_to_estimate.brief("imu_to_estimate"), self.solves.brief("solve")]
+                .into_iter()
+                .flatten()
+                .collect(),
+            rings: self.rings(),
             sensors: self.sensor_rows(),
-            buoys: self.buoys.values().map(buoy).collect(),
+            buoys: self.buoys.values().map(|fix| self.buoy_row(fix)).collect(),
             processes: self.processes.rows(self.now),
             events: self.events.list(),
         }
@@ -194,6 +252,7 @@ impl Model {
             height,
             roll_pitch_heading_deg: roll_pitch_heading(&r_local_body).map(f64::to_degrees),
             sigma_position_enu: diagonal(estimate.position_cov),
+            covariance_horizontal: [0, 1, 3].map(|place| estimate.position_cov[place]),
             sigma_velocity_enu: diagonal(estimate.velocity_cov),
             sigma_roll_pitch_heading_deg: estimate.sigma_rpy.map(f64::to_degrees),
         })
@@ -210,6 +269,28 @@ impl Model {
             window: solution.keyframes,
             status: SolutionStatus::from_index(solution.status),
         }
+    }
+
+    fn hops(&self) -> Vec<Hop> {
+        let of_process = |process: Process| {
+            let beat = self.processes.own_word(process)?;
+            let hops = [("hop_in", &beat.hop_in), ("work", &beat.work), ("end_to_end", &beat.end_to_end)];
+            Some(hops.into_iter().filter_map(move |(what, latency)| {
+                Distribution::of(latency).map(|distribution| Hop { process, what, distribution })
+            }))
+        };
+        Process::ALL.into_iter().filter_map(of_process).flatten().collect()
+    }
+
+    fn rings(&self) -> Vec<crate::Ring> {
+        let up = self.estimates.newest().map_or(0.0, |estimate| estimate.position_enu[2]);
+        self.frame.as_ref().map_or_else(Vec::new, |frame| self.sightings.rings(frame, &self.buoys, up))
+    }
+
+    fn buoy_row(&self, fix: &BuoyFix) -> Buoy {
+        let BuoyFix { buoy, lat_deg, lon_deg, height, .. } = *fix;
+        let position_enu = self.frame.as_ref().and_then(|frame| buoy_enu(frame, fix)).map(Into::into);
+        Buoy { buoy, is_moored: fix.moored != 0, lat_deg, lon_deg, height, position_enu }
     }
 
     fn sensor_rows(&self) -> Vec<crate::SensorRow> {
@@ -236,9 +317,10 @@ fn keyframe(report: &KeyframeReport) -> Keyframe {
     }
 }
 
-fn buoy(fix: &BuoyFix) -> Buoy {
-    let BuoyFix { buoy, lat_deg, lon_deg, height, .. } = *fix;
-    Buoy { buoy, is_moored: fix.moored != 0, lat_deg, lon_deg, height }
+/// Keeps the newest.
+fn forget_beyond<T>(kept: usize, list: &mut Vec<T>) {
+    let excess = list.len().saturating_sub(kept);
+    list.drain(..excess);
 }
 
 #[cfg(test)]

@@ -2,7 +2,8 @@
 
 use ilns_bus::{Bus, BusError, Subscriber};
 use shared_types::{
-    BuoyFix, Channel, FrameOrigin, Heartbeat, KeyframeReport, Message, NavEstimate, Solution, Truth, channel,
+    BuoyFix, Channel, FrameOrigin, GnssFix, Heartbeat, KeyframeReport, LblRange, Message, NavEstimate, Solution, Truth,
+    channel,
 };
 
 use crate::model::Model;
@@ -14,6 +15,8 @@ pub(crate) struct Inputs {
     diagnostics: Subscriber<KeyframeReport>,
     frame_origin: Subscriber<FrameOrigin>,
     buoys: Subscriber<BuoyFix>,
+    lbl: Subscriber<LblRange>,
+    gnss: Subscriber<GnssFix>,
     truth: Subscriber<Truth>,
     health: Subscriber<Heartbeat>,
 }
@@ -26,6 +29,8 @@ impl Inputs {
             diagnostics: bus.subscriber(&channel::DIAGNOSTICS)?,
             frame_origin: bus.subscriber(&channel::FRAME_ORIGIN)?,
             buoys: bus.subscriber(&channel::BUOYS)?,
+            lbl: bus.subscriber(&channel::LBL)?,
+            gnss: bus.subscriber(&channel::GNSS)?,
             truth: bus.subscriber(&channel::TRUTH)?,
             health: bus.subscriber(&channel::HEALTH)?,
         })
@@ -35,6 +40,8 @@ impl Inputs {
     pub(crate) fn drain(&mut self, model: &mut Model) -> u64 {
         drain(&mut self.frame_origin, &channel::FRAME_ORIGIN, |message| model.frame_origin(message))
             + drain(&mut self.buoys, &channel::BUOYS, |message| model.buoy(message))
+            + drain(&mut self.lbl, &channel::LBL, |message| model.lbl(message))
+            + drain(&mut self.gnss, &channel::GNSS, |message| model.gnss(message))
             + drain(&mut self.truth, &channel::TRUTH, |message| model.truth(message))
             + drain(&mut self.solution, &channel::SOLUTION, |message| model.solution(message))
             + drain(&mut self.diagnostics, &channel::DIAGNOSTICS, |message| model.diagnostics(message))

@@ -5,20 +5,27 @@ use std::io::ErrorKind;
 use ilns_bus::{Bus, Prefix};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use rustix::event::{Timespec, poll};
+use rustix::process::{Pid, Signal, kill_process};
 use shared_types::{Process, ProcessState, channel};
 use tracing::warn;
 
+use crate::detail::News;
 use crate::error::MonitorError;
 use crate::model::Model;
 use crate::ports::Inputs;
 use crate::screen::{Screen, json, print};
+use crate::snapshot::Snapshot;
 use crate::terminal;
+use crate::web::{Look, Page, WebArgs, listen};
 
 /// Between two looks at the channels, ns. The estimates' queue holds a second at ten times their usual rate.
 const LOOK: i64 = 100_000_000;
 
 /// How long `--once` listens, ns: two heartbeats of everybody, and a bit.
 const LISTEN: i64 = 1_300_000_000;
+
+/// Between two tries to serve the page, ns: a dead predecessor's port is free in a moment.
+const RETRY: i64 = 1_000_000_000;
 
 /// Wide enough for every reason of refusal.
 const WIDE: usize = 160;
@@ -46,6 +53,9 @@ pub struct Args {
     /// How to show it: in place on a terminal, as one line per second, or not at all.
     #[arg(long, value_enum, default_value_t = View::Auto, value_name = "VIEW")]
     pub view: View,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub web: WebArgs,
     /// Listen for a second, print what is known, and end.
     #[arg(long)]
     pub once: bool,
@@ -67,6 +77,7 @@ pub fn run(args: &Args) -> Result<(), MonitorError> {
 /// # Errors
 /// [`MonitorError`] when it cannot begin or nobody takes its output.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
+    args.process.real_time(Process::Monitor)?.enter();
     let prefix = Prefix::new(&args.process.prefix)?;
     let bus = Bus::join(&prefix, Process::Monitor, args.process.epoch)?;
     let mut inputs = Inputs::open(&bus)?;
@@ -74,6 +85,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     if args.once {
         return look_once(args, shutdown, &mut inputs, &mut model);
     }
+    let mut window = Window::open(args, &model.snapshot())?;
     let mut health = bus.publisher(&channel::HEALTH)?;
     let mut heartbeat = HeartbeatBuilder::new(Process::Monitor, args.process.epoch);
     heartbeat.state = ProcessState::Running;
@@ -83,8 +95,15 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
         let begun = monotonic_now();
         heartbeat.handled += inputs.drain(&mut model);
         model.settle(begun);
+        let snapshot = model.snapshot();
+        let news = model.take_news();
+        screen.remember(&snapshot, &news);
+        screen.tell_page(window.page.as_ref().map(Page::address));
+        if screen.obey() {
+            end(args, shutdown);
+        }
         if screen.is_due(begun)
-            && let Err(error) = screen.show(&model.snapshot(), begun)
+            && let Err(error) = screen.show(&snapshot, begun)
         {
             screen.give_up();
             if args.process.supervisor.is_none() {
@@ -92,6 +111,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
             }
             warn!(%error, "standard output takes nothing more; the monitor goes on without a view");
         }
+        window.show(snapshot, news, begun);
         heartbeat.work.record(monotonic_now() - begun);
         if let Some(beat) = heartbeat.beat(begun) {
             health.publish(beat);
@@ -102,6 +122,69 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     heartbeat.state = ProcessState::Stopping;
     health.publish(heartbeat.build());
     Ok(())
+}
+
+/// As Ctrl-C would: the whole set, where this process belongs to one that was started from this terminal.
+fn end(args: &Args, shutdown: &Shutdown) {
+    let supervisor = args.process.supervisor.and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw);
+    match supervisor {
+        // It stops this process, too. If it is gone, so is this process.
+        Some(supervisor) => drop(kill_process(supervisor, Signal::INT)),
+        None => shutdown.request(),
+    }
+}
+
+/// The page, or the wish for one.
+struct Window<'a> {
+    args: &'a Args,
+    page: Option<Page>,
+    /// When to try again, monotonic ns.
+    retry_at: i64,
+    has_complained: bool,
+}
+
+impl Window<'_> {
+    fn open<'a>(args: &'a Args, snapshot: &Snapshot) -> Result<Window<'a>, MonitorError> {
+        let mut window = Window { args, page: None, retry_at: i64::MIN, has_complained: false };
+        match window.try_open(snapshot) {
+            // Navigation has begun: a page that is late is better than none.
+            Err(error) if args.process.supervisor.is_some() => window.complain(&error, monotonic_now()),
+            opened => opened?,
+        }
+        Ok(window)
+    }
+
+    fn try_open(&mut self, snapshot: &Snapshot) -> Result<(), MonitorError> {
+        if let Some(address) = self.args.web.web {
+            let (listener, token) = listen(address, self.args.web.web_token.as_deref())?;
+            let page = Page::open(listener, token, snapshot.clone())?;
+            if self.args.process.supervisor.is_none() {
+                eprintln!("ilns monitor: page at http://{}", page.address());
+            }
+            self.page = Some(page);
+        }
+        Ok(())
+    }
+
+    fn complain(&mut self, error: &MonitorError, now: i64) {
+        if !self.has_complained {
+            warn!(%error, "no page yet; trying again every second");
+        }
+        (self.has_complained, self.retry_at) = (true, now + RETRY);
+    }
+
+    fn show(&mut self, snapshot: Snapshot, news: News, now: i64) {
+        if self.page.is_none()
+            && self.has_complained
+            && now >= self.retry_at
+            && let Err(error) = self.try_open(&snapshot)
+        {
+            self.complain(&error, now);
+        }
+        if let Some(page) = &mut self.page {
+            page.show(Look { snapshot, news });
+        }
+    }
 }
 
 /// Sleeps until the next look or a signal. One wake-up a look: this process need not end sooner than that.

@@ -1,13 +1,17 @@
 //! Standard output: a terminal that is drawn in place, or lines.
 
 use std::io::{IsTerminal, Write, stdout};
+use std::net::SocketAddr;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::termios::tcgetwinsize;
 
+use crate::detail::News;
+use crate::keys::{Keyboard, Wish};
+use crate::lines;
 use crate::run::View;
 use crate::snapshot::Snapshot;
-use crate::{lines, terminal};
+use crate::terminal::{self, Sight, Trail};
 
 const MILLISECOND: i64 = 1_000_000;
 
@@ -33,7 +37,15 @@ pub(crate) struct Screen {
     colours: bool,
     /// Monotonic ns.
     next: i64,
+    keyboard: Option<Keyboard>,
+    sight: Sight,
+    trail: Trail,
+    /// The picture stands still, as the user wished.
+    is_paused: bool,
 }
+
+/// A step of the zoom.
+const ZOOM: f64 = 1.5;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
@@ -56,15 +68,61 @@ impl Screen {
             View::Auto if is_terminal && can_move => Kind::Terminal,
             View::Auto | View::Lines => Kind::Lines,
         };
+        let mut keyboard = None;
         if kind == Kind::Terminal {
             write(ENTER)?;
+            keyboard = Keyboard::take().filter(|_| is_terminal);
         }
-        Ok(Screen { kind, colours: is_terminal && !no_colour(), next: i64::MIN })
+        Ok(Screen {
+            kind,
+            colours: is_terminal && !no_colour(),
+            next: i64::MIN,
+            keyboard,
+            sight: Sight::default(),
+            trail: Trail::new(),
+            is_paused: false,
+        })
+    }
+
+    /// Takes in a look, for what is drawn of the past.
+    pub(crate) fn remember(&mut self, snapshot: &Snapshot, news: &News) {
+        if self.kind == Kind::Terminal {
+            self.trail.fold(snapshot, news);
+        }
+    }
+
+    /// Says where the page is.
+    pub(crate) fn tell_page(&mut self, page: Option<SocketAddr>) {
+        self.sight.page = page;
+    }
+
+    /// Does what the keys ask for; true if the user wishes to end.
+    pub(crate) fn obey(&mut self) -> bool {
+        let wishes = self.keyboard.as_ref().map_or_else(Vec::new, Keyboard::wishes);
+        for wish in &wishes {
+            match wish {
+                Wish::Quit => {}
+                Wish::Pause => self.is_paused = !self.is_paused,
+                Wish::Reset => {
+                    (self.trail, self.sight) = (Trail::new(), Sight { page: self.sight.page, ..Sight::default() })
+                }
+                Wish::ZoomIn => self.sight.zoom *= ZOOM,
+                Wish::ZoomOut => self.sight.zoom /= ZOOM,
+                Wish::Follow => self.sight.follows = !self.sight.follows,
+                Wish::Map => self.sight.shows_map = !self.sight.shows_map,
+                Wish::Help => self.sight.shows_help = !self.sight.shows_help,
+            }
+        }
+        if !wishes.is_empty() {
+            self.next = i64::MIN;
+        }
+        wishes.contains(&Wish::Quit)
     }
 
     /// Whether something is to be drawn at the monotonic time `now`, ns.
     pub(crate) fn is_due(&self, now: i64) -> bool {
-        self.kind != Kind::Nothing && now >= self.next
+        // A key is answered once also while the picture stands still.
+        self.kind != Kind::Nothing && now >= self.next && (!self.is_paused || self.next == i64::MIN)
     }
 
     /// Draws. A terminal that is halted (Ctrl-S) or a reader that does not read must not halt this process: it is then
@@ -76,8 +134,8 @@ impl Screen {
         }
         match self.kind {
             Kind::Terminal => {
-                let (width, height) = size();
-                write(&picture(&terminal::render(snapshot, width, height, self.colours)))
+                let text = terminal::picture(snapshot, &self.trail, &self.sight, size(), self.colours);
+                write(&picture(&text))
             }
             Kind::Lines => write(&(lines::render(snapshot) + "\n")),
             Kind::Json => write(&(json(snapshot)? + "\n")),
@@ -101,6 +159,7 @@ impl Screen {
     /// True if there was something to give back.
     fn leave(&mut self) -> bool {
         let was_terminal = self.kind == Kind::Terminal;
+        self.keyboard = None;
         self.kind = Kind::Nothing;
         was_terminal && is_writable() && write(LEAVE).is_ok()
     }

@@ -8,6 +8,9 @@ use std::collections::BTreeMap;
 use serde::{Serialize, Serializer};
 use shared_types::{Duration, HopLatency, Mode, Process, ProcessState, Sensor, SolutionStatus};
 
+use crate::compact::compact_json;
+use crate::detail::{Histogram, Hop, Ring};
+
 /// Everything that is known.
 #[derive(Clone, Debug, Serialize)]
 pub struct Snapshot {
@@ -20,6 +23,8 @@ pub struct Snapshot {
     /// What the newest estimate may be trusted for.
     #[serde(serialize_with = "mode_name")]
     pub mode: Option<Mode>,
+    /// Latitude, longitude in degrees and ellipsoidal height in m of the ENU origin.
+    pub origin: Option<[f64; 3]>,
     /// Where the vehicle is; `None` while initialising.
     pub pose: Option<Pose>,
     /// Against the truth, if there is one.
@@ -32,6 +37,12 @@ pub struct Snapshot {
     pub keyframe: Option<Keyframe>,
     /// From an IMU sample's arrival to its published estimate.
     pub end_to_end: Option<Distribution>,
+    /// Every measured hop of every process.
+    pub hops: Vec<Hop>,
+    /// Latencies as the messages tell them.
+    pub histograms: Vec<Histogram>,
+    /// The ranges of the newest epoch.
+    pub rings: Vec<Ring>,
     /// Every sensor, in the order of the house.
     pub sensors: Vec<SensorRow>,
     /// Buoys by number.
@@ -40,6 +51,25 @@ pub struct Snapshot {
     pub processes: Vec<ProcessRow>,
     /// The newest of what happened, oldest first.
     pub events: Vec<Event>,
+}
+
+impl Snapshot {
+    /// What tables show of another moment, as JSON: buoys and events are left out, as the newest snapshot has them all.
+    pub(crate) fn brief_json(&self) -> String {
+        #[derive(Serialize)]
+        struct Brief<'a> {
+            t: Option<f64>,
+            #[serde(serialize_with = "mode_name")]
+            mode: Option<Mode>,
+            pose: &'a Option<Pose>,
+            error: &'a Option<TruthError>,
+            solver: &'a Option<Solver>,
+            sensors: &'a [SensorRow],
+            rings: &'a [Ring],
+        }
+        let Snapshot { t, mode, pose, error, solver, sensors, rings, .. } = self;
+        compact_json(&Brief { t: *t, mode: *mode, pose, error, solver, sensors, rings })
+    }
 }
 
 /// The newest estimate.
@@ -61,6 +91,8 @@ pub struct Pose {
     pub roll_pitch_heading_deg: [f64; 3],
     /// 1-sigma, m.
     pub sigma_position_enu: [f64; 3],
+    /// Horizontal covariance, m²: east-east, east-north, north-north.
+    pub covariance_horizontal: [f64; 3],
     /// 1-sigma, m/s.
     pub sigma_velocity_enu: [f64; 3],
     /// 1-sigma about body x, body y and the up axis.
@@ -72,6 +104,8 @@ pub struct Pose {
 pub struct TruthError {
     /// Data time of the truth, s.
     pub t: f64,
+    /// Where the vehicle really was, m.
+    pub truth_enu: [f64; 3],
     /// m.
     pub position_enu: [f64; 3],
     /// Each axis in its own sigma.
@@ -184,6 +218,12 @@ pub struct SensorRow {
     pub rejected: BTreeMap<&'static str, u64>,
     /// It was heard and is not any more.
     pub is_silent: bool,
+    /// Newest innovation of the sensor in its own sigmas, √(NIS / rows) over the factors of its newest keyframe.
+    pub innovation: Option<f64>,
+    /// How much too late its stamps are found to be, s; `None` while nothing speaks against them.
+    pub time_offset: Option<f64>,
+    /// 1-sigma of that, s.
+    pub time_offset_sigma: Option<f64>,
 }
 
 impl SensorRow {
@@ -206,6 +246,8 @@ pub struct Buoy {
     pub lon_deg: f64,
     /// Ellipsoidal height, m.
     pub height: f64,
+    /// In the frame of the estimates, m; `None` before that is fixed.
+    pub position_enu: Option<[f64; 3]>,
 }
 
 /// One process.
@@ -242,13 +284,24 @@ impl ProcessRow {
 }
 
 /// Something happened.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Event {
     /// Data time at which it was noticed, s.
     pub t: Option<f64>,
     /// What.
-    #[serde(rename = "what", serialize_with = "as_text")]
     pub kind: EventKind,
+}
+
+impl Serialize for Event {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Shape {
+            t: Option<f64>,
+            what: String,
+            is_bad: bool,
+        }
+        Shape { t: self.t, what: self.kind.to_string(), is_bad: self.kind.is_bad() }.serialize(to)
+    }
 }
 
 /// What can happen.
@@ -312,7 +365,7 @@ fn mode_name<S: Serializer>(mode: &Option<Mode>, to: S) -> Result<S::Ok, S::Erro
     mode.map(Mode::name).serialize(to)
 }
 
-fn status_name<S: Serializer>(status: &Option<SolutionStatus>, to: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn status_name<S: Serializer>(status: &Option<SolutionStatus>, to: S) -> Result<S::Ok, S::Error> {
     status.map(status_word).serialize(to)
 }
 
@@ -320,14 +373,10 @@ fn state_name<S: Serializer>(state: &Option<ProcessState>, to: S) -> Result<S::O
     state.map(ProcessState::name).serialize(to)
 }
 
-fn sensor_name<S: Serializer>(sensor: &Sensor, to: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn sensor_name<S: Serializer>(sensor: &Sensor, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(sensor.name())
 }
 
-fn process_name<S: Serializer>(process: &Process, to: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn process_name<S: Serializer>(process: &Process, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(process.name())
-}
-
-fn as_text<S: Serializer>(kind: &EventKind, to: S) -> Result<S::Ok, S::Error> {
-    to.collect_str(kind)
 }

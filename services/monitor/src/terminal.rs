@@ -1,15 +1,31 @@
-//! The view for a terminal, redrawn as a whole: 80 × 24 shows what matters, a larger one the processes and what happened.
+//! The view for a terminal, redrawn as a whole: 80 × 24 shows what matters, a larger one the processes and what happened, a
+//! wide one the map, strip charts and the window beside them.
 
+mod drawing;
+mod map;
+mod panel;
+mod strips;
 mod text;
+mod trail;
+
+use std::net::SocketAddr;
 
 use shared_types::Mode;
 
 use crate::numbers::{UNKNOWN, fixed, instant, microseconds, milliseconds};
 use crate::snapshot::{Event, ProcessRow, SensorRow, Snapshot, TruthError, status_word};
+pub(crate) use map::Sight;
 use text::{Line, Tone};
+pub(crate) use trail::Trail;
 
 /// From this height on there is room for more than what matters.
 const TALL: usize = 30;
+
+/// From this width on the drawings stand beside the tables ...
+const WIDE: usize = 140;
+
+/// ... which take so much of it.
+const TABLES: usize = 98;
 
 /// An error beyond so many sigmas deserves a look.
 const SUSPICIOUS: f64 = 3.0;
@@ -19,8 +35,66 @@ const LABEL: usize = 11;
 const LEFT: usize = 11;
 const RIGHT: usize = 12;
 
-/// The snapshot as `height` lines at most of `width` characters at most, joined by line feeds.
+/// The whole picture as `height` lines at most of `width` characters at most, joined by line feeds.
+pub(crate) fn picture(
+    snapshot: &Snapshot,
+    trail: &Trail,
+    sight: &Sight,
+    (width, height): (usize, usize),
+    colours: bool,
+) -> String {
+    let is_wide = width >= WIDE && height >= TALL;
+    if sight.shows_help {
+        return text_of(&help(), width, height, colours);
+    }
+    if sight.shows_map && !is_wide {
+        return panel::rows(snapshot, trail, sight, (width, height), colours).join("\n");
+    }
+    let tables = tables(snapshot, height, sight.page);
+    if !is_wide {
+        return text_of(&tables, width, height, colours);
+    }
+    let drawings = panel::rows(snapshot, trail, sight, (width - TABLES - 1, height), colours);
+    let beside = |(row, drawing): (usize, String)| {
+        let table = tables.get(row).map_or_else(String::new, |line| line.render(TABLES, colours));
+        let blank = TABLES + 1 - tables.get(row).map_or(0, |line| line.width().min(TABLES));
+        format!("{table}{:blank$}{drawing}", "")
+    };
+    drawings.into_iter().enumerate().map(beside).map(|line| line.trim_end().to_owned()).collect::<Vec<_>>().join("\n")
+}
+
+/// The snapshot as `height` lines at most of `width` characters at most, joined by line feeds: the tables alone.
 pub(crate) fn render(snapshot: &Snapshot, width: usize, height: usize, colours: bool) -> String {
+    text_of(&tables(snapshot, height, None), width, height, colours)
+}
+
+fn text_of(lines: &[Line], width: usize, height: usize, colours: bool) -> String {
+    lines.iter().take(height).map(|line| line.render(width, colours)).collect::<Vec<String>>().join("\n")
+}
+
+/// What the keys do.
+fn help() -> Vec<Line> {
+    [
+        "q       end (with `ilns run`: the whole set)",
+        "space   stand still, or go on",
+        "r       forget the track, and see everything again",
+        "+ -     zoom the map",
+        "f       the map follows the vehicle",
+        "m       the map instead of the tables (side by side from 140 columns on)",
+        "? h     these lines",
+        "",
+        "The same and more in a browser: `ilns run`, or `ilns monitor --web`.",
+    ]
+    .map(|line| Line::plain(line.to_owned()))
+    .to_vec()
+}
+
+/// `page` is where a browser finds the same.
+fn tables(snapshot: &Snapshot, height: usize, page: Option<SocketAddr>) -> Vec<Line> {
+    let at = |line: Line| match page {
+        Some(address) => line.then(Tone::Plain, format!("   page http://{address}")),
+        None => line,
+    };
     let mut lines = vec![title(snapshot), Line::default()];
     lines.extend(pose_table(snapshot));
     lines.push(place(snapshot));
@@ -35,17 +109,18 @@ pub(crate) fn render(snapshot: &Snapshot, width: usize, height: usize, colours: 
     let room = height.saturating_sub(lines.len());
     // A blank line, the heading, and two events at least.
     if room >= snapshot.processes.len() + 4 {
+        lines[0] = at(core::mem::take(&mut lines[0]));
         lines.push(Line::default());
         lines.extend(process_table(&snapshot.processes));
         lines.push(Line::default());
     } else {
-        lines.push(process_summary(&snapshot.processes));
+        lines.push(at(process_summary(&snapshot.processes)));
     }
     let room = height.saturating_sub(lines.len());
     let newest = snapshot.events.len().saturating_sub(room);
     lines.extend(snapshot.events[newest..].iter().map(event));
     lines.truncate(height);
-    lines.iter().map(|line| line.render(width, colours)).collect::<Vec<String>>().join("\n")
+    lines
 }
 
 fn title(snapshot: &Snapshot) -> Line {
@@ -139,8 +214,8 @@ fn place(snapshot: &Snapshot) -> Line {
 
 fn sensor_table(sensors: &[SensorRow]) -> Vec<Line> {
     let heading = format!(
-        "{:<6}{:>8}{:>8}{:>8}{:>9}{:>6}{:>9}{:>9}  {}",
-        "sensor", "per s", "age s", "used s", "received", "lost", "used", "rejected", "why"
+        "{:<6}{:>8}{:>8}{:>8}{:>8}{:>9}{:>6}{:>10}  {}",
+        "sensor", "per s", "age s", "used s", "innov", "received", "lost", "rejected", "why"
     );
     let mut lines = vec![Line::plain(heading)];
     lines.extend(sensors.iter().map(sensor_row));
@@ -150,14 +225,30 @@ fn sensor_table(sensors: &[SensorRow]) -> Vec<Line> {
 fn sensor_row(row: &SensorRow) -> Line {
     let mut reasons: Vec<(&str, u64)> = row.rejected.iter().map(|(&reason, &count)| (reason, count)).collect();
     reasons.sort_by_key(|&(_, count)| core::cmp::Reverse(count));
-    let reasons: Vec<String> = reasons.into_iter().map(|(reason, count)| format!("{reason} {count}")).collect();
+    let mut reasons: Vec<String> = reasons.into_iter().map(|(reason, count)| format!("{reason} {count}")).collect();
+    if let Some((offset, sigma)) = row.time_offset.zip(row.time_offset_sigma) {
+        reasons.insert(0, format!("stamps {} ms late (1-sigma {})", fixed(offset * 1e3, 1), fixed(sigma * 1e3, 1)));
+    }
     let silent = Tone::warning_if(row.is_silent);
     Line::plain(format!("{:<6}", row.sensor))
         .then(silent, format!("{:>8}{:>8}", fixed(row.rate, 1), fixed(row.age, 1)))
-        .then(Tone::Plain, format!("{:>8}{:>9}", fixed(row.used_age, 1), row.received))
+        .then(Tone::Plain, format!("{:>8}", fixed(row.used_age, 1)))
+        .then(
+            Tone::warning_if(row.innovation.is_some_and(|sigmas| sigmas > SUSPICIOUS)),
+            format!("{:>8}", fixed(row.innovation, 2)),
+        )
+        .then(Tone::Plain, format!("{:>9}", row.received))
         .then(Tone::warning_if(row.lost > 0), format!("{:>6}", row.lost))
-        .then(Tone::Plain, format!("{:>9}{:>9}  {}", row.used, row.rejected_total(), reasons.join(", ")))
+        .then(Tone::Plain, format!("{:>10}  {}", share(row), reasons.join(", ")))
         .trimmed()
+}
+
+/// Refused readings of those received.
+fn share(row: &SensorRow) -> String {
+    match row.received {
+        0 => UNKNOWN.to_owned(),
+        received => format!("{} %", fixed(100.0 * row.rejected_total() as f64 / received as f64, 1)),
+    }
 }
 
 fn solver(snapshot: &Snapshot) -> Line {

@@ -11,6 +11,7 @@ use shared_types::{
     Process, ProcessState, RejectReason, Sensor, SensorCounts, SensorHealth, Solution, Time, Truth,
 };
 
+use crate::detail::{Factor, KeyframeDetail};
 use crate::model::Model;
 
 const SECOND: i64 = 1_000_000_000;
@@ -116,7 +117,7 @@ pub(crate) fn solution_at(t: f64) -> Solution {
 }
 
 /// Its report: six factors, of which one was refused.
-fn report_at(t: f64) -> KeyframeReport {
+pub(crate) fn report_at(t: f64) -> KeyframeReport {
     let mut factors = [FactorReport::default(); FACTORS_MAX];
     for factor in &mut factors[..6] {
         *factor = FactorReport { rows: 2, nis: 1.9, ..FactorReport::default() };
@@ -132,6 +133,32 @@ fn report_at(t: f64) -> KeyframeReport {
         factor_count: 6,
         factors_left_out: 0,
         factors,
+    }
+}
+
+/// A keyframe with two used ranges of NIS 1, a refused one of NIS 25, and a time offset of the LBL.
+pub(crate) fn keyframe_at(t: f64) -> KeyframeDetail {
+    let factor = |buoy: u32, whitened: f64, refused| Factor {
+        sensor: Sensor::Lbl,
+        t,
+        rows: 1,
+        buoy: Some(buoy),
+        refused,
+        whitened: vec![whitened],
+        nis: whitened * whitened,
+        weight: 1.0,
+    };
+    KeyframeDetail {
+        t,
+        solution: t as u64,
+        iterations: 2,
+        window: 20,
+        cost: [14.0, 12.0],
+        solve: Some(123e-6),
+        status: None,
+        time_offsets: vec![[0.05, 0.01], [0.0; 2], [0.0; 2], [0.0; 2], [0.0; 2]],
+        left_out: 0,
+        factors: vec![factor(1, 1.0, None), factor(2, -1.0, None), factor(3, 5.0, Some("gated"))],
     }
 }
 
@@ -160,9 +187,10 @@ fn heartbeats(model: &mut Model, t: f64, at: i64, lbl_until: f64) {
     preprocessor.sensors[Sensor::Dvl.index()].rejected[RejectReason::OutOfRange.index()] = 1;
     preprocessor.sensors[Sensor::Buoys.index()] = SensorHealth { received: 4, t_newest: 0, ..SensorHealth::NONE };
     model.heartbeat(&preprocessor);
-    let work = HopLatency { count: 123, p50_ns: 118_000, p99_ns: 310_000, max_ns: 1_204_000 };
+    let work = HopLatency { count: 123, p50_ns: 118_000, p99_ns: 310_000, max_ns: 1_204_000, ..HopLatency::default() };
     model.heartbeat(&Heartbeat { work, cpu_ns: cpu(0.002), ..heartbeat(Process::Solver, at) });
-    let end_to_end = HopLatency { count: 24_680, p50_ns: 45_000, p99_ns: 120_000, max_ns: 812_000 };
+    let end_to_end =
+        HopLatency { count: 24_680, p50_ns: 45_000, p99_ns: 120_000, max_ns: 812_000, ..HopLatency::default() };
     model.heartbeat(&Heartbeat { end_to_end, cpu_ns: cpu(0.016), ..heartbeat(Process::Propagator, at) });
 }
 

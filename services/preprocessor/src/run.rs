@@ -1,6 +1,6 @@
 //! The story of this process: wait, take in every reading, hand on what the preprocessor lets go, say how it goes.
 
-use ilns_bus::{Bus, Prefix, Reader};
+use ilns_bus::{Bus, Prefix, Reader, Waiter};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use nav_preprocessing::Preprocessor;
 use shared_types::{Header, Measurement, Process, ProcessState, Sensor};
@@ -32,15 +32,17 @@ pub fn run(args: &Args) -> Result<(), PreprocessorError> {
 /// [`PreprocessorError`] when it cannot begin.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PreprocessorError> {
     let config = args.process.load_config()?;
+    let real_time = args.process.real_time(Process::Preprocessor)?;
     let prefix = Prefix::new(&args.process.prefix)?;
     let bus = Bus::join(&prefix, Process::Preprocessor, args.process.epoch)?;
     let mut inputs = Inputs::open(&bus)?;
     let mut outputs = Outputs::open(&bus)?;
-    let waiter = bus.waiter(Reader::Preprocessor)?;
+    let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Preprocessor)? };
     let kept_origin = KeptOrigin::in_folder(&prefix.run_directory());
     let mut preprocessor = kept_origin.restore(Preprocessor::new(&config))?;
     let mut origin_is_published = false;
     let mut account = Account::new(args.process.epoch);
+    real_time.enter();
 
     while !shutdown.requested() {
         waiter.wait();

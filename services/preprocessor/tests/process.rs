@@ -23,13 +23,10 @@ impl Preprocessor {
         let args = Args {
             process: ProcessArgs {
                 prefix: prefix.name().to_owned(),
-                config: None,
                 sets: sets.iter().map(|&set| set.to_owned()).collect(),
-                start: None,
                 epoch,
-                supervisor: None,
                 log_level: "warn".to_owned(),
-                log_json: false,
+                ..ProcessArgs::default()
             },
         };
         let shutdown = Shutdown::default();

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ilns_bus::{Bus, Prefix, Publisher, Reader, Subscriber};
+use ilns_bus::{Bus, Prefix, Publisher, Reader, Subscriber, Waiter};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use shared_types::{Heartbeat, ImuSample, NavEstimate, Process, ProcessState, Sensor, Solution, Time, channel};
 use tracing::{error, warn};
@@ -33,6 +33,7 @@ pub fn run(args: &Args) -> Result<(), PropagatorError> {
 /// [`PropagatorError`] when it cannot begin.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PropagatorError> {
     let config = args.process.load_config()?;
+    let real_time = args.process.real_time(Process::Propagator)?;
     let bus = Bus::join(&Prefix::new(&args.process.prefix)?, Process::Propagator, args.process.epoch)?;
     let mut ports = Ports {
         samples: bus.subscriber(&channel::IMU)?,
@@ -40,21 +41,23 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PropagatorError
         estimates: bus.publisher(&channel::ESTIMATE)?,
         health: bus.publisher(&channel::HEALTH)?,
     };
-    let waiter = bus.waiter(Reader::Propagator)?;
+    let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Propagator)? };
     let mut fast_path = FastPath::new(&config);
     let mut silence = Silence::new(args.process.start.map_or(1.0, |start| start.rate));
     let mut heartbeat = HeartbeatBuilder::new(Process::Propagator, args.process.epoch);
     heartbeat.state = ProcessState::Running;
     // Samples from before are what a restart catches up with; whoever steers has their estimates or no use for them.
     let mono_start = monotonic_now();
+    real_time.enter();
 
     while !shutdown.requested() {
         waiter.wait_for(Duration::from_nanos(silence.patience(monotonic_now()) as u64));
         while let Some(sample) = ports.samples.receive() {
+            let received = monotonic_now();
             let is_live = sample.header.t_published >= mono_start;
             let estimate = fast_path.advance(&sample);
             if is_live {
-                heartbeat.received(&sample.header);
+                heartbeat.received_at(&sample.header, received);
                 if let Some(estimate) = estimate {
                     silence.heard(Time(sample.header.t_valid), monotonic_now());
                     ports.estimates.publish(estimate);

@@ -23,13 +23,10 @@ impl Propagator {
         let args = Args {
             process: ProcessArgs {
                 prefix: prefix.name().to_owned(),
-                config: None,
                 sets: vec!["frame.origin=[36.0, 127.0, 0.0]".to_owned()],
-                start: None,
                 epoch,
-                supervisor: None,
                 log_level: "warn".to_owned(),
-                log_json: false,
+                ..ProcessArgs::default()
             },
         };
         let shutdown = Shutdown::default();

@@ -62,6 +62,7 @@ pub fn run(args: &Args) -> Result<(), RecorderError> {
 /// [`RecorderError`] when it cannot begin, or when the disk refuses.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), RecorderError> {
     let mono_start = monotonic_now();
+    args.process.real_time(Process::Recorder)?.enter();
     let config = args.process.load_config()?;
     let bus = Bus::join(&Prefix::new(&args.process.prefix)?, Process::Recorder, args.process.epoch)?;
     let mut health = bus.publisher(&channel::HEALTH)?;

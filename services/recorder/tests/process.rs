@@ -25,13 +25,10 @@ impl Recorder {
         let args = Args {
             process: ProcessArgs {
                 prefix: prefix.name().to_owned(),
-                config: None,
                 sets: vec!["fgo.window=33".to_owned()],
-                start: None,
                 epoch,
-                supervisor: None,
                 log_level: "error".to_owned(),
-                log_json: false,
+                ..ProcessArgs::default()
             },
             out: out.to_owned(),
             replace: false,

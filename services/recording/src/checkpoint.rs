@@ -4,6 +4,9 @@
 //! "ILNSSOLN" | version u32 | CRC-32 of the payload u32 | payload: bincode, fixed-width integers, little endian
 //! ```
 //!
+//! The payload begins with a hash of the configuration that the solution was found with: a state in another vehicle's lever
+//! arms and frame is no state of this one. Whoever reads it says how old it may be.
+//!
 //! A latched message dies with its sender, so shared memory cannot keep it. Written whole or not at all (a second file, then
 //! a rename); read back only if magic, version, length and checksum agree.
 
@@ -32,11 +35,40 @@ pub enum CheckpointError {
     /// Torn or damaged.
     #[error("its checksum does not agree")]
     Damaged,
+    /// Of another vehicle, or of this one with other settings.
+    #[error("it was written under another configuration")]
+    Configuration,
+    /// What happened since cannot be made up for; an age below zero is one of before a reboot.
+    #[error("it is stale: {age_s} s old, where {most_s} s can be made up for")]
+    Stale {
+        /// Its age, s.
+        age_s: i64,
+        /// Largest that is taken, s.
+        most_s: i64,
+    },
 }
 
-/// What is kept of a [`Solution`]; sender and times of publication are not.
+/// What a reader asks of a checkpoint beyond its being whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CheckpointTerms {
+    /// [`configuration_hash`] of the reader's own configuration.
+    pub configuration: u64,
+    /// CLOCK_MONOTONIC now, ns.
+    pub mono: i64,
+    /// Oldest that is taken, ns since its publication.
+    pub max_age: i64,
+}
+
+/// Tells configurations apart, given the whole effective one as TOML.
+pub fn configuration_hash(toml: &str) -> u64 {
+    (u64::from(crc32fast::hash(toml.as_bytes())) << 32) | toml.len() as u64
+}
+
+/// What is kept of a [`Solution`]; the sender is not.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Kept {
+    configuration: u64,
+    t_published: i64,
     id: u64,
     t_keyframe: i64,
     origin: [f64; 3],
@@ -52,7 +84,7 @@ struct Kept {
     counts: [(u64, [u64; 15]); 7],
 }
 
-fn configuration() -> impl bincode::config::Config {
+fn encoding() -> impl bincode::config::Config {
     bincode::config::standard().with_fixed_int_encoding().with_limit::<LIMIT>()
 }
 
@@ -61,18 +93,20 @@ fn version() -> u32 {
     (Solution::LAYOUT ^ (Solution::LAYOUT >> 32)) as u32
 }
 
-/// Writes the solution, whole or not at all.
+/// Writes the solution, published at its `header.t_published` under the hashed `configuration`, whole or not at all.
 ///
 /// # Errors
 /// [`LogError::Io`].
-pub fn write_checkpoint(file: &Path, solution: &Solution) -> Result<(), LogError> {
+pub fn write_checkpoint(file: &Path, solution: &Solution, configuration: u64) -> Result<(), LogError> {
     let partial = file.with_extension("partial");
-    fs::write(&partial, encode(solution)).map_err(LogError::io(&partial, "write"))?;
+    fs::write(&partial, encode(solution, configuration)).map_err(LogError::io(&partial, "write"))?;
     fs::rename(&partial, file).map_err(LogError::io(file, "write"))
 }
 
-fn encode(solution: &Solution) -> Vec<u8> {
+fn encode(solution: &Solution, configuration: u64) -> Vec<u8> {
     let kept = Kept {
+        configuration,
+        t_published: solution.header.t_published,
         id: solution.id,
         t_keyframe: solution.t_keyframe,
         origin: solution.origin,
@@ -87,7 +121,7 @@ fn encode(solution: &Solution) -> Vec<u8> {
         time_offset_sigma: solution.time_offset_sigma,
         counts: solution.counts.map(|counts| (counts.used, counts.rejected)),
     };
-    let payload = bincode::serde::encode_to_vec(&kept, configuration()).expect("plain numbers are within the limit");
+    let payload = bincode::serde::encode_to_vec(&kept, encoding()).expect("plain numbers are within the limit");
     let mut bytes = Vec::with_capacity(HEAD + payload.len());
     bytes.extend_from_slice(MAGIC);
     bytes.extend_from_slice(&version().to_le_bytes());
@@ -99,20 +133,20 @@ fn encode(solution: &Solution) -> Vec<u8> {
 /// Reads a solution back; `Ok(None)` where there is no file.
 ///
 /// # Errors
-/// [`LogError::Checkpoint`] when the file holds no whole solution of this version, [`LogError::Io`].
-pub fn read_checkpoint(file: &Path) -> Result<Option<Solution>, LogError> {
+/// [`LogError::Checkpoint`] when the file holds no whole solution of this version on these terms, [`LogError::Io`].
+pub fn read_checkpoint(file: &Path, terms: &CheckpointTerms) -> Result<Option<Solution>, LogError> {
     let bytes = match fs::read(file) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(LogError::io(file, "read")(error)),
     };
-    match decode(&bytes) {
+    match decode(&bytes, terms) {
         Ok(solution) => Ok(Some(solution)),
         Err(reason) => Err(LogError::Checkpoint { file: file.to_owned(), reason }),
     }
 }
 
-fn decode(bytes: &[u8]) -> Result<Solution, CheckpointError> {
+fn decode(bytes: &[u8], terms: &CheckpointTerms) -> Result<Solution, CheckpointError> {
     let (head, payload) = bytes.split_at_checked(HEAD).ok_or(CheckpointError::Foreign)?;
     let (magic, numbers) = head.split_at(MAGIC.len());
     if magic != MAGIC {
@@ -126,13 +160,21 @@ fn decode(bytes: &[u8]) -> Result<Solution, CheckpointError> {
         return Err(CheckpointError::Damaged);
     }
     let (kept, used): (Kept, usize) =
-        bincode::serde::decode_from_slice(payload, configuration()).map_err(|_| CheckpointError::Damaged)?;
+        bincode::serde::decode_from_slice(payload, encoding()).map_err(|_| CheckpointError::Damaged)?;
     // bincode accepts trailing bytes in silence.
     if used != payload.len() {
         return Err(CheckpointError::Damaged);
     }
+    if kept.configuration != terms.configuration {
+        return Err(CheckpointError::Configuration);
+    }
+    let age = terms.mono.saturating_sub(kept.t_published);
+    if !(0..=terms.max_age).contains(&age) {
+        const SECOND: i64 = 1_000_000_000;
+        return Err(CheckpointError::Stale { age_s: age.div_euclid(SECOND), most_s: terms.max_age / SECOND });
+    }
     Ok(Solution {
-        header: Header { t_valid: kept.t_keyframe, ..Header::default() },
+        header: Header { t_valid: kept.t_keyframe, t_published: kept.t_published, ..Header::default() },
         id: kept.id,
         t_keyframe: kept.t_keyframe,
         origin: kept.origin,
@@ -159,9 +201,18 @@ fn decode(bytes: &[u8]) -> Result<Solution, CheckpointError> {
 mod tests {
     use super::*;
 
+    const PUBLISHED: i64 = 1_000_000_000_000;
+
+    const TERMS: CheckpointTerms =
+        CheckpointTerms { configuration: 0x1234_5678_9abc, mono: PUBLISHED + 500_000_000, max_age: 10_000_000_000 };
+
+    fn whole() -> Vec<u8> {
+        encode(&solution(), TERMS.configuration)
+    }
+
     fn solution() -> Solution {
-        let mut solution = decode(&encode(&Solution {
-            header: Header::default(),
+        let mut solution = Solution {
+            header: Header { t_valid: 17_000_000_000, t_published: PUBLISHED, ..Header::default() },
             id: 41,
             t_keyframe: 17_000_000_000,
             origin: [36.38, 127.36, 0.0],
@@ -181,8 +232,7 @@ mod tests {
             linearised: 0,
             status: 0,
             solve_ns: 0,
-        }))
-        .expect("it was just encoded");
+        };
         solution.covariance[3][4] = -0.125;
         solution
     }
@@ -191,24 +241,93 @@ mod tests {
     fn a_solution_is_read_back_to_the_bit() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let file = folder.path().join("solution");
-        assert_eq!(read_checkpoint(&file).expect("no file is no error"), None);
-        write_checkpoint(&file, &solution()).expect("it can be written");
-        write_checkpoint(&file, &solution()).expect("it can be replaced");
-        assert_eq!(read_checkpoint(&file).expect("it can be read"), Some(solution()));
+        assert_eq!(read_checkpoint(&file, &TERMS).expect("no file is no error"), None);
+        write_checkpoint(&file, &solution(), TERMS.configuration).expect("it can be written");
+        write_checkpoint(&file, &solution(), TERMS.configuration).expect("it can be replaced");
+        assert_eq!(read_checkpoint(&file, &TERMS).expect("it can be read"), Some(solution()));
     }
 
     #[test]
     fn no_flipped_bit_and_no_torn_end_is_ever_taken_for_a_solution() {
-        let whole = encode(&solution());
+        let whole = whole();
         for at in 0..whole.len() {
             for bit in 0..8 {
                 let mut damaged = whole.clone();
                 damaged[at] ^= 1 << bit;
-                assert!(decode(&damaged).is_err(), "byte {at}, bit {bit}");
+                assert!(decode(&damaged, &TERMS).is_err(), "byte {at}, bit {bit}");
             }
-            assert!(decode(&whole[..at]).is_err(), "torn at {at}");
+            assert!(decode(&whole[..at], &TERMS).is_err(), "torn at {at}");
         }
         let longer = [whole.as_slice(), &[0]].concat();
-        assert_eq!(decode(&longer), Err(CheckpointError::Damaged));
+        assert_eq!(decode(&longer, &TERMS), Err(CheckpointError::Damaged));
+    }
+
+    #[test]
+    fn another_configuration_or_time_is_refused_with_the_reason() {
+        let with = |terms: CheckpointTerms| decode(&whole(), &terms).map(|solution| solution.id);
+        assert_eq!(with(TERMS), Ok(41));
+        assert_eq!(with(CheckpointTerms { configuration: 1, ..TERMS }), Err(CheckpointError::Configuration));
+        let at = |mono: i64| with(CheckpointTerms { mono, ..TERMS });
+        assert_eq!([at(PUBLISHED), at(PUBLISHED + TERMS.max_age)], [Ok(41); 2]);
+        let stale = |age_s: i64| Err(CheckpointError::Stale { age_s, most_s: 10 });
+        assert_eq!(at(PUBLISHED + 11_000_000_000), stale(11));
+        // The monotonic clock began anew: the machine was rebooted.
+        assert_eq!(at(PUBLISHED - 1), stale(-1));
+        assert_ne!(configuration_hash("[dvl]\nsigma = 0.1\n"), configuration_hash("[dvl]\nsigma = 0.2\n"));
+    }
+
+    /// Splitmix64: every run damages in the same way.
+    fn draw(state: &mut u64) -> u64 {
+        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mixed = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^ (mixed >> 31)
+    }
+
+    /// One of the ways in which a file goes wrong.
+    fn damage(whole: &[u8], state: &mut u64) -> Vec<u8> {
+        let mut bytes = whole.to_vec();
+        let mut below = |limit: usize| (draw(state) % limit as u64) as usize;
+        match below(6) {
+            // A few bits, anywhere.
+            0 => (0..=below(8)).for_each(|_| bytes[below(whole.len())] ^= 1 << below(8)),
+            // Torn.
+            1 => bytes.truncate(below(whole.len())),
+            // A sector that was never written.
+            2 => {
+                let from = below(whole.len());
+                let until = (from + 1 + below(512)).min(whole.len());
+                bytes[from..until].fill(0);
+            }
+            // Noise in its place.
+            3 => {
+                let from = below(whole.len());
+                (from..(from + 1 + below(64)).min(whole.len())).for_each(|at| bytes[at] = below(256) as u8);
+            }
+            // A piece that has moved.
+            4 => {
+                let (from, to) = (below(whole.len()), below(whole.len()));
+                let length = 1 + below(whole.len() - from.max(to));
+                bytes.copy_within(from..from + length, to);
+            }
+            // More than there was.
+            _ => (0..=below(64)).for_each(|_| bytes.push(below(256) as u8)),
+        }
+        bytes
+    }
+
+    #[test]
+    fn of_a_hundred_thousand_damaged_checkpoints_none_is_accepted() {
+        let whole = whole();
+        let (mut state, mut damaged) = (5, 0);
+        while damaged < 100_000 {
+            let bytes = damage(&whole, &mut state);
+            // Zeros over zeros, or a piece moved onto itself, damage nothing.
+            if bytes != whole {
+                damaged += 1;
+                assert!(decode(&bytes, &TERMS).is_err(), "number {damaged}");
+            }
+        }
+        assert!(decode(&whole, &TERMS).is_ok());
     }
 }

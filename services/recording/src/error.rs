@@ -132,6 +132,80 @@ pub enum LogError {
         /// Where the position belongs.
         buoys: PathBuf,
     },
+    /// A trajectory file without a pose.
+    #[error("{}: there is no pose in the file (expected lines `{expected}`)", file.display())]
+    NoPoses {
+        /// Which file.
+        file: PathBuf,
+        /// What a line holds.
+        expected: &'static str,
+    },
+    /// A line of a trajectory file that has not the numbers of a pose.
+    #[error("{}:{line}: the line has {found} numbers where a pose has eight, separated by blanks: `{expected}`", file.display())]
+    PoseCells {
+        /// Which file.
+        file: PathBuf,
+        /// From 1.
+        line: u64,
+        /// Numbers.
+        found: usize,
+        /// What a line holds.
+        expected: &'static str,
+    },
+    /// Four numbers that are no rotation.
+    #[error("{}:{line}: the quaternion has the length {norm:.3}, so that it is no rotation; a TUM file holds unit quaternions in the order qx qy qz qw", file.display())]
+    BadQuaternion {
+        /// Which file.
+        file: PathBuf,
+        /// From 1.
+        line: u64,
+        /// Its length; 1 for a rotation.
+        norm: f64,
+    },
+    /// A row of a public data set that has not the cells of its format.
+    #[error("{}:{line}: the row has {found} values where the format has {expected} ({mend})", file.display())]
+    ForeignCells {
+        /// Which file.
+        file: PathBuf,
+        /// From 1.
+        line: u64,
+        /// Values.
+        found: usize,
+        /// How many there should be.
+        expected: String,
+        /// What the reason may be.
+        mend: &'static str,
+    },
+    /// A file of a public data set without a row.
+    #[error("{}: there is no row in the file (fetch it again)", file.display())]
+    NoForeignRows {
+        /// Which file.
+        file: PathBuf,
+    },
+    /// A calibration that lacks a line.
+    #[error("{}: there is no line `{line}` with its numbers", file.display())]
+    MissingCalibration {
+        /// Which file.
+        file: PathBuf,
+        /// How it begins.
+        line: &'static str,
+    },
+    /// A folder that is no KITTI drive.
+    #[error("{}: there is no `timestamps.txt` beside a folder `data` (give the folder of a drive, such as 2011_09_26_drive_0001_extract)", dir.display())]
+    NotAnOxtsFolder {
+        /// As given.
+        dir: PathBuf,
+    },
+    /// A KITTI drive whose stamps and samples do not belong together.
+    #[error("{}: {stamps} stamps in `timestamps.txt` but {files} files in `data` (was the archive unpacked whole?)", dir.display())]
+    OxtsCounts {
+        /// The `oxts` folder.
+        dir: PathBuf,
+        /// Lines.
+        stamps: usize,
+        /// Files.
+        files: usize,
+    },
     /// A folder that already holds a log; two logs in one would be read as one.
     #[error("{} exists: the folder already holds a log (choose another `--out` or delete it)", file.display())]
     LogExists {

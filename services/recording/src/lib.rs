@@ -4,6 +4,7 @@
 //! log directory --> LogDirectory --> LogReader (one file) | MergedLog (all sensors in one order)
 //! readings      --> LogWriter    --> log directory
 //! estimates     --> EstimateWriter --> estimate.csv, estimate.tum;  Summary --> summary.json
+//! estimate.csv  --> read_estimates;  any .tum --> read_tum
 //! estimate.csv  --> read_estimates
 //! the whole run --> mcap::McapWriter --> recording.mcap --> mcap::{inspect, recover, export}
 //! ```
@@ -17,10 +18,13 @@ mod directory;
 mod error;
 mod estimate_reader;
 mod estimate_writer;
+mod foreign;
+mod kaist;
 mod lines;
 mod log_writer;
 pub mod mcap;
 mod merged;
+mod oxts;
 mod reader;
 mod rows;
 mod summary;
@@ -28,14 +32,22 @@ mod table;
 #[cfg(test)]
 mod testing;
 mod text_file;
+mod tum_reader;
 
-pub use checkpoint::{CheckpointError, read_checkpoint, write_checkpoint};
+pub use checkpoint::{CheckpointError, CheckpointTerms, configuration_hash, read_checkpoint, write_checkpoint};
 pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};
 pub use estimate_writer::{ESTIMATE_FILES, EstimateWriter};
+pub use foreign::ForeignRows;
+pub use kaist::{
+    KaistEncoder, KaistMounting, kaist_altimeter, kaist_encoder, kaist_encoder_parameters, kaist_global_pose,
+    kaist_gps, kaist_imu, kaist_mounting, kaist_vrs,
+};
 pub use log_writer::{LogWriter, LogWriterOptions};
 pub use merged::MergedLog;
+pub use oxts::{OxtsDrive, OxtsSample, read_oxts};
 pub use reader::{BuoyReader, LblReader, LogReader, read_truth};
 pub use rows::LogRow;
 pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};
+pub use tum_reader::{TumRow, read_tum};

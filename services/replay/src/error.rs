@@ -29,6 +29,42 @@ pub enum ReplayError {
         /// The truth.
         truth: PathBuf,
     },
+    /// Two trajectories of which no poses are near in time.
+    #[error("{} and {} have no poses within {max_difference_s} s of each other: {estimate_span} against {truth_span} (one clock? `--max-difference` widens the limit)", estimate.display(), truth.display())]
+    NoCommonPoses {
+        /// The trajectory.
+        estimate: PathBuf,
+        /// The reference.
+        truth: PathBuf,
+        /// The limit.
+        max_difference_s: f64,
+        /// First and last time.
+        estimate_span: String,
+        /// First and last time.
+        truth_span: String,
+    },
+    /// A path too short for the stretches asked for.
+    #[error("{}: the path is shorter than a stretch of {length} m, or the truth has no attitude: no relative error (leave `--rpe` out, or ask for shorter ones)", estimate.display())]
+    NoStretches {
+        /// The trajectory.
+        estimate: PathBuf,
+        /// m.
+        length: f64,
+    },
+    /// Inertial data too slow to navigate by.
+    #[error("{}: a sample every {period_s} s is no inertial navigation (take the `_extract` of the drive, 100 Hz, not the `_sync`)", dir.display())]
+    SlowImu {
+        /// The drive.
+        dir: PathBuf,
+        /// Median.
+        period_s: f64,
+    },
+    /// A sequence without a position to simulate ranges from.
+    #[error("{}: vrs_gps.csv has no fixed position (fix state 4) within the time of xsens_imu.csv, so that there is nothing to simulate ranges from", dir.display())]
+    NothingToRangeFrom {
+        /// The sequence.
+        dir: PathBuf,
+    },
     /// An estimate file without rows, of which there is no picture.
     #[error("{}: no row follows the header; there is nothing to draw", file.display())]
     NoEstimates {

@@ -3,12 +3,11 @@
 //! The work is `nav-pipeline`'s, in line and without a clock; here files come in, files go out, and a clock looks at the
 //! solves. The same log gives the same bytes.
 
-use std::collections::VecDeque;
 use std::io::Write;
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
-use ilns_recording::{LogDirectory, Summary, read_estimates};
+use ilns_recording::{LogDirectory, Summary};
 use nav_pipeline::{Navigator, Output, Rebase, SolveClock};
 use rustix::time::{ClockId, clock_gettime};
 use shared_types::{BuoyFix, Config, Duration, RawReading, SENSORS, SensorCounts};
@@ -16,6 +15,7 @@ use sim_faults::{ArrivalClock, FaultSpec, FaultStream};
 
 use crate::args::ReplayArgs;
 use crate::error::ReplayError;
+use crate::navigate::as_recorded;
 use crate::output::{ReplayOutput, RunFacts};
 
 /// Longest solve told apart from longer ones, ns.
@@ -41,20 +41,10 @@ pub fn run(args: &ReplayArgs) -> Result<(), ReplayError> {
 
 /// When corrections reach the published estimate.
 fn rebase(args: &ReplayArgs) -> Result<Rebase, ReplayError> {
-    let Some(file) = &args.follow else {
-        return Ok(Rebase::After(args.solve_latency.unwrap_or(Duration::ZERO)));
-    };
-    let mut schedule = VecDeque::new();
-    for row in read_estimates(file)? {
-        let row = row?;
-        let Some(solution) = row.solution else {
-            return Err(ReplayError::NotFollowable { file: file.clone() });
-        };
-        if schedule.back().is_none_or(|&(_, last)| last != solution) {
-            schedule.push_back((row.t, solution));
-        }
+    match &args.follow {
+        Some(file) => as_recorded(file),
+        None => Ok(Rebase::After(args.solve_latency.unwrap_or(Duration::ZERO))),
     }
-    Ok(Rebase::AsRecorded(schedule))
 }
 
 /// Faults that the log has not, but the navigator is to meet.

@@ -8,20 +8,25 @@ use ilns_recording::{EstimateRow, LogDirectory, LogReader, read_estimates, read_
 use nalgebra::Vector3;
 use nav_evaluation::{EstimatePoint, Pair, Score, Scorer, Window};
 use nav_geometry::Geodetic;
+use serde::Serialize;
 use shared_types::{Time, Truth};
 
 use crate::error::ReplayError;
 use crate::origin;
+use crate::trajectory::{TrajectoryArgs, score_trajectory};
 
-/// Holds an estimate file against the truth: RMS, NEES, share within three sigmas.
+/// Holds an estimate file against the truth: RMS, NEES, share within three sigmas; or any trajectory against another.
 #[derive(Args, Clone, Debug)]
 pub struct ScoreArgs {
     /// The estimates, as `ilns replay` writes them; `summary.json` beside it gives the origin of the frame.
-    #[arg(value_name = "OUT/estimate.csv")]
-    pub estimate: PathBuf,
-    /// The truth to hold them against.
+    #[arg(value_name = "OUT/estimate.csv", required_unless_present = "tum", conflicts_with = "tum")]
+    pub estimate: Option<PathBuf>,
+    /// The truth to hold them against; with --tum, a truth.csv or another trajectory in TUM format.
     #[arg(long, value_name = "DIR/truth.csv")]
     pub truth: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub trajectory: TrajectoryArgs,
     /// Print JSON instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -45,15 +50,24 @@ pub(crate) fn parse_time(text: &str) -> Result<Time, String> {
 /// # Errors
 /// A bad file, an unknown origin, or no common time.
 pub fn run(args: &ScoreArgs) -> Result<(), ReplayError> {
-    let origin = origin::find(args.origin, &args.estimate, Some(&args.truth))?;
     let window = Window { from: args.from.unwrap_or(Time::MIN), to: args.to.unwrap_or(Time::MAX) };
-    let score = score_files(&args.estimate, &args.truth, origin, window, |_, _| {})?;
-    let text = if args.json {
-        serde_json::to_string_pretty(&score).expect("a score has string keys only") + "\n"
-    } else {
-        table(&score)
+    let text = match (&args.trajectory.tum, &args.estimate) {
+        (Some(tum), _) => {
+            let score = score_trajectory(tum, &args.truth, args.origin, window, &args.trajectory)?;
+            if args.json { json(&score) } else { score.table() }
+        }
+        (None, Some(estimate)) => {
+            let origin = origin::find(args.origin, estimate, Some(&args.truth))?;
+            let score = score_files(estimate, &args.truth, origin, window, |_, _| {})?;
+            if args.json { json(&score) } else { table(&score) }
+        }
+        (None, None) => unreachable!("the command line asks for one of them"),
     };
     io::stdout().write_all(text.as_bytes()).map_err(ReplayError::Print)
+}
+
+fn json(score: &impl Serialize) -> String {
+    serde_json::to_string_pretty(score).expect("a score has string keys only") + "\n"
 }
 
 /// Reads both files side by side and scores them; `see` is shown each estimate and each pair.

@@ -92,6 +92,17 @@ impl Svg {
         self.body += "</g>\n";
     }
 
+    /// Defines a fill of stripes for `fill="url(#name)"`: full for the first, then slanting one way and the other, ever wider.
+    pub(crate) fn hatching(&mut self, name: &str, colour: &str, index: usize) {
+        let (angle, step) = (if index % 2 == 1 { 45 } else { -45 }, 4 + 2 * (index / 2));
+        let opacity = if index == 0 { 0.85 } else { 0.25 };
+        self.push(format_args!(
+            "<pattern id=\"{name}\" width=\"{step}\" height=\"{step}\" patternUnits=\"userSpaceOnUse\" \
+             patternTransform=\"rotate({angle})\"><rect width=\"{step}\" height=\"{step}\" fill=\"{colour}\" \
+             fill-opacity=\"{opacity}\"/><rect width=\"2\" height=\"{step}\" fill=\"{colour}\"/></pattern>\n"
+        ));
+    }
+
     fn push(&mut self, text: std::fmt::Arguments<'_>) {
         self.body.write_fmt(text).expect("a String takes everything");
     }

@@ -106,7 +106,8 @@ fn facts() -> RunFacts {
 }
 
 fn score_args(estimate: PathBuf, truth: PathBuf) -> ScoreArgs {
-    ScoreArgs { estimate, truth, json: true, from: None, to: None, origin: None }
+    let trajectory = ilns_replay::TrajectoryArgs::default();
+    ScoreArgs { estimate: Some(estimate), truth, trajectory, json: true, from: None, to: None, origin: None }
 }
 
 #[test]

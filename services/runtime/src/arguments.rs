@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
-use shared_types::{AIDING, Config, ConfigText, Sensor};
+use shared_types::{AIDING, Config, ConfigText, Process, Sensor};
 
 use crate::clock::StartClock;
 use crate::configuration::load_config;
 use crate::error::RuntimeError;
 use crate::logging::start_logging;
+use crate::real_time::RealTime;
 use crate::shutdown::Shutdown;
 
 /// Under which name a set runs unless told otherwise.
@@ -30,6 +31,9 @@ pub struct ProcessArgs {
     /// every process the same.
     #[arg(long, value_name = "DATA_NS,MONO_NS,RATE", allow_hyphen_values = true)]
     pub start: Option<StartClock>,
+    /// TOML file with cores, priorities and wake-ups of the processes. Without it the system schedules as it likes.
+    #[arg(long, value_name = "FILE")]
+    pub processes: Option<PathBuf>,
     /// How often this process has been restarted.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub epoch: u32,
@@ -42,6 +46,23 @@ pub struct ProcessArgs {
     /// Log one JSON object per line.
     #[arg(long)]
     pub log_json: bool,
+}
+
+/// As an empty command line.
+impl Default for ProcessArgs {
+    fn default() -> ProcessArgs {
+        ProcessArgs {
+            prefix: DEFAULT_PREFIX.to_owned(),
+            config: None,
+            sets: Vec::new(),
+            start: None,
+            processes: None,
+            epoch: 0,
+            supervisor: None,
+            log_level: "info".to_owned(),
+            log_json: false,
+        }
+    }
 }
 
 impl ProcessArgs {
@@ -68,6 +89,14 @@ impl ProcessArgs {
     /// As [`load_config`].
     pub fn load_config(&self) -> Result<Config, RuntimeError> {
         load_config(&[], self.config.as_deref(), &self.sets)
+    }
+
+    /// What this process is to ask of the system before its loop.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Processes`], naming file and line.
+    pub fn real_time(&self, process: Process) -> Result<RealTime, RuntimeError> {
+        Ok(RealTime::of(process, self.processes.as_deref())?)
     }
 }
 

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use shared_types::ConfigError;
 
+use crate::process_file::ProcessFileError;
+
 /// A process that cannot begin.
 #[derive(Debug, thiserror::Error)]
 pub enum RuntimeError {
@@ -18,6 +20,9 @@ pub enum RuntimeError {
     /// A configuration that cannot be used.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// A process file that cannot be used.
+    #[error(transparent)]
+    Processes(#[from] ProcessFileError),
     /// A start triple that is none.
     #[error("--start {text}: expected DATA_NS,MONO_NS,RATE, two whole numbers and a positive number")]
     Start {

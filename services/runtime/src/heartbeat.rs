@@ -1,56 +1,28 @@
 //! What a process says of itself, twice a second: CPU, memory, counts and latency distributions.
 
-use hdrhistogram::Histogram;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+
 use rustix::param::page_size;
 use rustix::time::ClockId;
-use shared_types::{Header, Heartbeat, HopLatency, Process, ProcessState, Sensor, SensorHealth, Time};
+use shared_types::{Header, Heartbeat, Process, ProcessState, Sensor, SensorHealth, Time};
 
 use crate::clock::{monotonic_now, nanoseconds};
+use crate::latency::Latency;
+use crate::notify::Notify;
 
 /// Between two heartbeats, ns.
 pub const BEAT: i64 = 500_000_000;
 
-/// Longest latency told apart from longer ones, ns.
-const LONGEST: u64 = 60_000_000_000;
-
-/// A latency distribution since the process began. Recording allocates nothing and costs some 15 ns.
-#[derive(Clone, Debug)]
-pub struct Latency(Histogram<u64>);
-
-impl Latency {
-    /// Nothing recorded yet; 1 ns to a minute, two significant digits.
-    pub fn new() -> Latency {
-        Latency(Histogram::new_with_bounds(1, LONGEST, 2).expect("1 < LONGEST / 2 and 2 digits are in bounds"))
-    }
-
-    /// Records a time in ns; a negative one counts as none.
-    pub fn record(&mut self, ns: i64) {
-        self.0.saturating_record(ns.max(0) as u64);
-    }
-
-    /// In brief.
-    pub fn brief(&self) -> HopLatency {
-        HopLatency {
-            count: self.0.len(),
-            p50_ns: self.0.value_at_quantile(0.5),
-            p99_ns: self.0.value_at_quantile(0.99),
-            max_ns: self.0.max(),
-        }
-    }
-}
-
-impl Default for Latency {
-    fn default() -> Latency {
-        Latency::new()
-    }
-}
-
 /// Keeps a process's own account and makes heartbeats of it.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct HeartbeatBuilder {
     process: Process,
     restarts: u32,
     next_beat: i64,
+    /// Kept open: opening it anew would allocate in somebody's loop.
+    statm: Option<File>,
+    notify: Notify,
     /// Where the process stands.
     pub state: ProcessState,
     /// Messages that it published and no queue took.
@@ -74,6 +46,8 @@ impl HeartbeatBuilder {
             process,
             restarts: epoch,
             next_beat: i64::MIN,
+            statm: File::open("/proc/self/statm").ok(),
+            notify: Notify::from_environment(),
             state: ProcessState::Starting,
             dropped: 0,
             handled: 0,
@@ -86,8 +60,13 @@ impl HeartbeatBuilder {
 
     /// Counts a message received on the main input.
     pub fn received(&mut self, header: &Header) {
+        self.received_at(header, monotonic_now());
+    }
+
+    /// As [`HeartbeatBuilder::received`], where the monotonic time of receipt is known already.
+    pub fn received_at(&mut self, header: &Header, mono: i64) {
         self.handled += 1;
-        self.hop_in.record(monotonic_now() - header.t_published);
+        self.hop_in.record(mono - header.t_published);
     }
 
     /// Counts a reading of a sensor, received or sent.
@@ -107,9 +86,11 @@ impl HeartbeatBuilder {
         Some(self.build())
     }
 
-    /// The next heartbeat is due one period after the monotonic time `now`.
+    /// The next heartbeat is due one period after the monotonic time `now`. Called from a process's loop, it also tells the
+    /// service manager that the loop goes round.
     pub fn rest(&mut self, now: i64) {
         self.next_beat = now + BEAT;
+        self.notify.progress();
     }
 
     /// When the next heartbeat is due, monotonic ns.
@@ -126,7 +107,7 @@ impl HeartbeatBuilder {
             pid: std::process::id(),
             restarts: self.restarts,
             cpu_ns: nanoseconds(ClockId::ProcessCPUTime) as u64,
-            resident_bytes: resident_bytes(),
+            resident_bytes: self.resident_bytes(),
             dropped: self.dropped,
             handled: self.handled,
             sensors: self.sensors,
@@ -135,13 +116,16 @@ impl HeartbeatBuilder {
             work: self.work.brief(),
         }
     }
-}
 
-/// 0 where the system does not tell.
-fn resident_bytes() -> u64 {
-    let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    let pages: u64 = statm.split_whitespace().nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0);
-    pages * page_size() as u64
+    /// 0 where the system does not tell.
+    fn resident_bytes(&self) -> u64 {
+        // Seven numbers of pages; the second is what is resident.
+        let mut text = [0; 128];
+        let length = self.statm.as_ref().and_then(|statm| statm.read_at(&mut text, 0).ok()).unwrap_or(0);
+        let text = core::str::from_utf8(&text[..length]).unwrap_or_default();
+        let pages: u64 = text.split_whitespace().nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0);
+        pages * page_size() as u64
+    }
 }
 
 #[cfg(test)]
@@ -173,14 +157,5 @@ mod tests {
         assert!(builder.beat(1_000).is_some());
         assert!(builder.beat(1_000 + BEAT - 1).is_none());
         assert!(builder.beat(1_000 + BEAT).is_some());
-    }
-
-    #[test]
-    fn a_latency_beyond_every_bound_is_recorded_as_the_longest() {
-        let mut latency = Latency::new();
-        latency.record(i64::MAX);
-        latency.record(-5);
-        assert_eq!(latency.brief().count, 2);
-        assert!(latency.brief().max_ns >= LONGEST);
     }
 }

@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use ilns_bus::{Bus, Prefix, Reader};
+use ilns_bus::{Bus, Prefix, Reader, Waiter};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use nav_pipeline::{ChosenEstimator, Effort, Estimator, EstimatorError};
 use rustix::time::{ClockId, clock_gettime};
-use shared_types::{Measurement, Process, ProcessState, SENSORS, Time};
+use shared_types::{Config, Measurement, Process, ProcessState, SENSORS, Time};
 use tracing::{debug, info, warn};
 
 use crate::error::SolverError;
@@ -39,18 +39,20 @@ pub fn run(args: &Args) -> Result<(), SolverError> {
 /// [`SolverError`] when it cannot begin.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     let config = args.process.load_config()?;
+    let real_time = args.process.real_time(Process::Solver)?;
     let prefix = Prefix::new(&args.process.prefix)?;
     let bus = Bus::join(&prefix, Process::Solver, args.process.epoch)?;
     let mut inputs = Inputs::open(&bus)?;
     let mut outputs = Outputs::open(&bus)?;
-    let waiter = bus.waiter(Reader::Solver)?;
+    let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Solver)? };
     let mut estimator = ChosenEstimator::new(&config);
-    take_up(&mut estimator, &prefix.run_directory());
-    let keeper = Keeper::start(&prefix.run_directory());
+    take_up(&mut estimator, &prefix.run_directory(), &config);
+    let keeper = Keeper::start(&prefix.run_directory(), &config);
     let mut heartbeat = HeartbeatBuilder::new(Process::Solver, args.process.epoch);
     heartbeat.state = ProcessState::Running;
     let mut waiting = VecDeque::with_capacity(inputs_capacity());
     let mono_start = monotonic_now();
+    real_time.enter();
 
     while !shutdown.requested() {
         waiter.wait();
@@ -97,8 +99,8 @@ fn effort_with(behind: usize) -> Effort {
 }
 
 /// A restarted solver begins from the last solution of the one before.
-fn take_up(estimator: &mut ChosenEstimator, run_directory: &Path) {
-    match keeper::last_solution(run_directory) {
+fn take_up(estimator: &mut ChosenEstimator, run_directory: &Path, config: &Config) {
+    match keeper::last_solution(run_directory, config) {
         Ok(None) => {}
         Ok(Some(solution)) if estimator.resume(&solution) => {
             info!(solution = solution.id, t_keyframe = %Time(solution.t_keyframe), "taking up from the last solution");

@@ -77,15 +77,7 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
 
 fn trial(case: &Case, seed: u64, args: &Args) -> Trial {
     let sets = case.sets.iter().map(|set| (*set).to_owned()).chain(args.sets.iter().cloned()).collect();
-    Trial {
-        scenario: case.scenario,
-        preset: case.preset,
-        seed,
-        sets,
-        until: args.until,
-        moved_to: None,
-        only_buoy: None,
-    }
+    Trial { sets, until: args.until, ..Trial::new(case.scenario, case.preset, seed) }
 }
 
 fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {

@@ -301,7 +301,7 @@ mod tests {
     fn trial(seed: u64) -> Trial {
         let sets = ["dvl.enabled=false", "mcp.enabled=false", "gnss.enabled=false"].map(str::to_owned).to_vec();
         let preset = Preset::Realistic;
-        Trial { scenario: "stable", preset, seed, sets, until: Some(320.0), moved_to: None, only_buoy: None }
+        Trial { sets, until: Some(320.0), ..Trial::new("stable", preset, seed) }
     }
 
     fn bound_of(trial: &Trial) -> Bound {
@@ -354,7 +354,7 @@ mod tests {
         for seed in 1..=SEEDS {
             let trial = trial(seed);
             causal += trial.run(&[]).expect("it runs").score.rms_horizontal.powi(2) / SEEDS as f64;
-            smoothed += trial.smooth().expect("it runs").rms_horizontal.powi(2) / SEEDS as f64;
+            smoothed += trial.smooth().expect("it runs").score.rms_horizontal.powi(2) / SEEDS as f64;
         }
         // Five runs of 300 s with errors correlated over some 20 s: the ratio is known to 6 %, three sigmas are 18 %.
         let causal = causal.sqrt() / horizontal(bound.causal_enu);

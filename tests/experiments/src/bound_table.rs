@@ -79,13 +79,11 @@ fn row(
     args: &Args,
 ) -> Result<(), TrialError> {
     let trial = |seed: u64| Trial {
-        scenario,
-        preset: Preset::Realistic,
-        seed,
         sets: sets.iter().map(|set| (*set).to_owned()).chain(args.sets.iter().cloned()).collect(),
         until: args.until,
         only_buoy,
         moved_to: args.at.as_deref().map(|at| [at[0], at[1]]),
+        ..Trial::new(scenario, Preset::Realistic, seed)
     };
     let first = trial(1);
     let place = first.place()?;
@@ -101,7 +99,7 @@ fn row(
     let causal = in_parallel(&trials, |trial| trial.run(&[]).map(|outcome| outcome.score))?;
     print_line(scenario, sensors, &bound.causal_enu, &causal);
     if !args.causal {
-        let smoothed = in_parallel(&trials, Trial::smooth)?;
+        let smoothed = in_parallel(&trials, |trial| trial.smooth().map(|batch| batch.score))?;
         let Bound { smoothed_enu, .. } = bound;
         print_line(scenario, &format!("{sensors}, smoothed"), &smoothed_enu, &smoothed);
     }

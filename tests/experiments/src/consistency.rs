@@ -74,8 +74,7 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
 fn trial(scenario: &'static str, seed: u64, set: &[Sensor], args: &Args) -> Trial {
     let off = AIDING.iter().filter(|sensor| !set.contains(sensor));
     let sets = off.map(|sensor| format!("{}.enabled=false", sensor.name())).chain(args.sets.iter().cloned()).collect();
-    let preset = Preset::Realistic;
-    Trial { scenario, preset, seed, sets, until: args.until, moved_to: None, only_buoy: None }
+    Trial { sets, until: args.until, ..Trial::new(scenario, Preset::Realistic, seed) }
 }
 
 #[expect(clippy::print_stdout, reason = "the table is the product of this command")]

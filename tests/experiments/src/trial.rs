@@ -1,11 +1,15 @@
 //! One simulated mission through the navigator, scored; no file in between.
 
+use std::convert::Infallible;
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use nav_evaluation::{EstimatePoint, Pair, Score, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Output, Rebase, SolveClock, Unmeasured};
 use rustix::time::{ClockId, clock_gettime};
 use shared_types::{AIDING, Config, ConfigError, ConfigText, Duration, KeyframeReport, Mode, RawReading, Time};
-use sim_world::{Preset, Scenario, ScenarioError, World};
+use sim_faults::{ArrivalClock, FaultSpec, FaultStream};
+use sim_world::{Manoeuvre, Preset, Scenario, ScenarioError, World};
 
 /// What to run.
 #[derive(Clone, Debug)]
@@ -24,6 +28,40 @@ pub struct Trial {
     pub moved_to: Option<[f64; 2]>,
     /// Number of the only buoy to be heard; `None`: all.
     pub only_buoy: Option<u32>,
+    /// Injected into the readings, with draws of `seed`.
+    pub faults: Vec<FaultSpec>,
+    /// Of the heading that the estimation starts from, rad; its sigma is made as large.
+    pub initial_heading_error: f64,
+    /// What else is different about the scenario.
+    pub change: Change,
+    /// Seconds between the points of [`Outcome::curve`]; `None`: no points.
+    pub curve_every: Option<f64>,
+}
+
+/// A built-in scenario that is not quite as it is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// As it is.
+    Nothing,
+    /// The compass works throughout.
+    McpKept,
+    /// It stays at the surface, where it sees satellites throughout, and the buoys are moored at this depth, m.
+    OverMoorings(f64),
+    /// DVL, MCP, PS and GNSS read once a second, so long (s) after the ping.
+    AfterPing(f64),
+}
+
+/// A point of an error curve.
+#[derive(Clone, Copy, Debug)]
+pub struct CurvePoint {
+    /// Data time, s.
+    pub t: f64,
+    /// Where the vehicle was, m.
+    pub truth_enu: [f64; 3],
+    /// Estimate minus truth, m.
+    pub error_enu: [f64; 3],
+    /// 1-sigma, m.
+    pub sigma_enu: [f64; 3],
 }
 
 /// What came of it.
@@ -55,6 +93,22 @@ pub struct Outcome {
     pub nis: [(f64, f64); AIDING.len()],
     /// Refusals per sensor name and reason.
     pub rejected: Vec<(&'static str, &'static str, u64)>,
+    /// As often as it was asked for.
+    pub curve: Vec<CurvePoint>,
+}
+
+/// What came of a batch.
+#[derive(Clone, Debug)]
+pub struct BatchOutcome {
+    /// Over the whole run after the start.
+    pub score: Score,
+    /// CPU time of the optimisation, s.
+    pub cpu_s: f64,
+}
+
+/// The middle of sorted values; NaN of none.
+pub fn median(sorted: &[f64]) -> f64 {
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// A trial that cannot be run.
@@ -79,6 +133,36 @@ pub enum TrialError {
     },
 }
 
+impl Change {
+    fn apply(self, scenario: &mut Scenario) {
+        match self {
+            Change::Nothing => {}
+            Change::McpKept => scenario.mcp.iter_mut().for_each(|mcp| mcp.schedule.outages.clear()),
+            Change::OverMoorings(depth) => {
+                scenario.buoys.all.iter_mut().for_each(|buoy| buoy.position_enu[2] = -depth);
+                scenario.gnss.iter_mut().for_each(|gnss| gnss.schedule.outages.clear());
+                for segment in &mut scenario.segments {
+                    if matches!(segment.manoeuvre, Manoeuvre::Sink { .. } | Manoeuvre::Rise { .. }) {
+                        segment.manoeuvre = Manoeuvre::Cruise;
+                    }
+                }
+            }
+            Change::AfterPing(offset) => {
+                let ping = scenario.lbl.as_ref().map_or(0.0, |lbl| lbl.schedule.phase);
+                let schedules = [
+                    scenario.gnss.as_mut().map(|gnss| &mut gnss.schedule),
+                    scenario.dvl.as_mut().map(|dvl| &mut dvl.schedule),
+                    scenario.mcp.as_mut().map(|mcp| &mut mcp.schedule),
+                    scenario.ps.as_mut().map(|ps| &mut ps.schedule),
+                ];
+                for schedule in schedules.into_iter().flatten() {
+                    (schedule.rate, schedule.phase) = (1.0, ping + offset);
+                }
+            }
+        }
+    }
+}
+
 struct ThreadClock;
 
 impl SolveClock for ThreadClock {
@@ -92,6 +176,23 @@ impl SolveClock for ThreadClock {
 const TRUTH_RATE: f64 = 10.0;
 
 impl Trial {
+    /// A built-in scenario as it is, to its end, with the settings of the house.
+    pub fn new(scenario: &'static str, preset: Preset, seed: u64) -> Trial {
+        Trial {
+            scenario,
+            preset,
+            seed,
+            sets: Vec::new(),
+            until: None,
+            moved_to: None,
+            only_buoy: None,
+            faults: Vec::new(),
+            initial_heading_error: 0.0,
+            change: Change::Nothing,
+            curve_every: None,
+        }
+    }
+
     /// The scenario where it is to be.
     ///
     /// # Errors
@@ -101,6 +202,7 @@ impl Trial {
         if let Some([lat_deg, lon_deg]) = self.moved_to {
             scenario.origin_deg[..2].copy_from_slice(&[lat_deg, lon_deg]);
         }
+        self.change.apply(&mut scenario);
         Ok(scenario)
     }
 
@@ -118,7 +220,17 @@ impl Trial {
     /// [`TrialError::Config`].
     pub fn config(&self, world: &World) -> Result<Config, TrialError> {
         let facts = ConfigText::new("sensors.toml", world.sensors_toml());
-        Ok(Config::load(&[facts], &self.sets)?)
+        let mut config = Config::load(&[facts], &self.sets)?;
+        if self.initial_heading_error != 0.0 {
+            let initial = &mut config.vehicle.initial;
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.initial_heading_error);
+            initial.q_enu_body = initial.q_enu_body.map(|[w, x, y, z]| {
+                let turned = turn * UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+                [turned.w, turned.i, turned.j, turned.k]
+            });
+            initial.sigma_attitude[2] = self.initial_heading_error.abs();
+        }
+        Ok(config)
     }
 
     /// Runs it. `instants`: seconds at which error and sigma are wanted.
@@ -131,16 +243,17 @@ impl Trial {
         let config = self.config(&world)?;
         let [lat_deg, lon_deg, height] = scenario.origin_deg;
         let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
-        let mut tally = Tally { at: instants.iter().map(|&t| (t, [0.0; 3], [0.0; 3])).collect(), ..Tally::default() };
+        let at = instants.iter().map(|&t| (t, [0.0; 3], [0.0; 3])).collect();
+        let mut tally = Tally { at, curve_every: self.curve_every, ..Tally::default() };
         let mut navigator = Navigator::new(&config, Rebase::After(Duration::ZERO));
         let mut clock = ThreadClock;
         let t_end = self.until.map_or(Time::MAX, Time::from_seconds);
         let began = clock.thread_ns();
         let mut truth = world.truth_rows(TRUTH_RATE).peekable();
-        for reading in world.readings() {
-            if reading.t_valid() > t_end {
-                break;
-            }
+        let readings = world.readings().take_while(|reading| reading.t_valid() <= t_end);
+        let faults = FaultStream::new(&self.faults, self.seed, ArrivalClock::Valid);
+        for reading in faults.over(readings.map(Ok::<_, Infallible>)) {
+            let Ok(reading) = reading;
             if let RawReading::Imu(sample) = &reading {
                 while let Some(row) = truth.next_if(|row| row.header.t_valid <= sample.header.t_valid) {
                     scorer.truth(&row);
@@ -175,11 +288,11 @@ impl Trial {
 }
 
 impl Trial {
-    /// The score of the whole mission as one batch.
+    /// The whole mission as one batch.
     ///
     /// # Errors
     /// [`TrialError`].
-    pub fn smooth(&self) -> Result<Score, TrialError> {
+    pub fn smooth(&self) -> Result<BatchOutcome, TrialError> {
         /// Sweeps; a handful is usual.
         const SWEEPS_MAX: u32 = 50;
         let scenario = self.place()?;
@@ -192,11 +305,16 @@ impl Trial {
         let mut navigator = Navigator::keeping_all(&self.config(&world)?).with_known_buoys(fixes.collect());
         let t_end = self.until.map_or(Time::MAX, Time::from_seconds);
         let heard = world.readings().filter(|reading| self.hears(reading));
-        for reading in heard.take_while(|reading| reading.t_valid() <= t_end) {
+        let readings = heard.take_while(|reading| reading.t_valid() <= t_end);
+        let faults = FaultStream::new(&self.faults, self.seed, ArrivalClock::Valid);
+        for reading in faults.over(readings.map(Ok::<_, Infallible>)) {
+            let Ok(reading) = reading;
             navigator.push(&reading, &mut Unmeasured, &mut |_| {});
         }
         navigator.finish(&mut Unmeasured, &mut |_| {});
+        let began = ThreadClock.thread_ns();
         let Some(smoothed) = navigator.smooth(SWEEPS_MAX) else { return Err(nothing) };
+        let cpu_s = (ThreadClock.thread_ns() - began) as f64 * 1e-9;
         let [lat_deg, lon_deg, height] = scenario.origin_deg;
         let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
         let mut truth = world.truth_rows(TRUTH_RATE).peekable();
@@ -206,12 +324,14 @@ impl Trial {
             }
             scorer.estimate(&EstimatePoint::from(estimate));
         });
-        scorer.score().ok_or(nothing)
+        Ok(BatchOutcome { score: scorer.score().ok_or(nothing)?, cpu_s })
     }
 }
 
 #[derive(Default)]
 struct Tally {
+    curve_every: Option<f64>,
+    curve: Vec<CurvePoint>,
     at: Vec<(f64, [f64; 3], [f64; 3])>,
     worst_sigmas: (f64, f64),
     settled_at: Option<f64>,
@@ -242,6 +362,13 @@ impl Tally {
         let (error, sigma) = (pair.position_error_enu, pair.estimate.sigma_position_enu);
         if (t / INDEPENDENT_AFTER).fract() * INDEPENDENT_AFTER < 0.5 / TRUTH_RATE {
             self.nees_enu.push([0, 1, 2].map(|axis| (error[axis] / sigma[axis]).powi(2)));
+        }
+        let due = |last: &CurvePoint, every: f64| t >= last.t + every - 0.5 / TRUTH_RATE;
+        if let Some(every) = self.curve_every
+            && self.curve.last().is_none_or(|last| due(last, every))
+        {
+            let truth_enu = pair.truth_position_enu.into();
+            self.curve.push(CurvePoint { t, truth_enu, error_enu: error.into(), sigma_enu: sigma.into() });
         }
         for axis in 0..2 {
             let sigmas = (error[axis] / sigma[axis]).abs();
@@ -278,6 +405,7 @@ impl Tally {
             nees_enu: self.nees_enu,
             nis: self.nis,
             rejected,
+            curve: self.curve,
             score,
         }
     }

@@ -103,6 +103,16 @@ fn carry_back(row: &Parts, prefix: &Increment, rest: &Increment, back: &Incremen
 }
 
 impl<const ROWS: usize> NoiseRows<ROWS> {
+    /// Q by all 15 columns (α, β, φ, b_a, b_g).
+    pub fn whole(&self) -> SMatrix<f64, ROWS, 15> {
+        let mut q = SMatrix::<f64, ROWS, 15>::zeros();
+        q.fixed_columns_mut::<9>(0).copy_from(&self.by_increment);
+        if let Some(by_gyro) = &self.by_gyro {
+            q.fixed_columns_mut::<3>(12).copy_from(by_gyro);
+        }
+        q
+    }
+
     #[inline]
     fn parts(&self, row: usize) -> Parts {
         let part = |at: usize| Vector3::from_fn(|axis, _| self.by_increment[(row, at + axis)]);

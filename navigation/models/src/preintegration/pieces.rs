@@ -12,7 +12,7 @@
 //! forward error is counted from the bias at the start, the backward one from the bias at the end, hence
 //! `ξ_b = V(ξ_f − D_f w)` with `w` the change of the biases.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::so3::skew;
 
 use super::covariance::{CovarianceBlocks, symmetric};
@@ -235,6 +235,29 @@ impl Increment {
             gyro_bias: whole_ke.gyro_bias,
             bias_jacobian: bias.rotated(&r_j_k),
         }
+    }
+
+    /// Φ15: what becomes of the error (α, β, φ, b_a, b_g) of a prefix k → j in the whole k → e of the same run,
+    /// `ξ_ke = Φ15 ξ_kj + Ψ15 ξ_je`.
+    #[must_use]
+    pub fn error_carry(prefix_kj: &Increment, whole_ke: &Increment) -> SMatrix<f64, 15, 15> {
+        let rest = Increment::between_prefixes(prefix_kj, whole_ke);
+        let carry = Carry::of(&prefix_kj.gamma, rest.dt_total, &rest.alpha, &rest.beta, &rest.gamma);
+        let bias = rest.bias_jacobian.rotated(&prefix_kj.gamma);
+        let mut phi = SMatrix::<f64, 15, 15>::identity();
+        let mut put = |row: usize, column: usize, block: &Matrix3<f64>| {
+            phi.fixed_view_mut::<3, 3>(row, column).copy_from(block);
+        };
+        put(0, 3, &Matrix3::from_diagonal_element(rest.dt_total));
+        put(0, 6, &carry.alpha_by_phi);
+        put(3, 6, &carry.beta_by_phi);
+        put(6, 6, &carry.phi_by_phi);
+        put(0, 9, &bias.alpha_accel);
+        put(0, 12, &bias.alpha_gyro);
+        put(3, 9, &bias.beta_accel);
+        put(3, 12, &bias.beta_gyro);
+        put(6, 12, &bias.phi_gyro);
+        phi
     }
 
     /// The same stretch run the other way: of k → j the increment j → k, with `dt_total` negated.

@@ -34,6 +34,15 @@ impl Run<'_> {
 
     /// Runs with every reading passed through `tamper`; `None` drops it.
     pub fn with(&self, mut tamper: impl FnMut(RawReading) -> Option<RawReading>) -> Ran {
+        self.delivered(|reading, deliver| {
+            if let Some(reading) = tamper(reading) {
+                deliver(reading);
+            }
+        })
+    }
+
+    /// Runs with what `courier` delivers when it is handed each reading in order of time.
+    pub fn delivered(&self, mut courier: impl FnMut(RawReading, &mut dyn FnMut(RawReading))) -> Ran {
         let scenario = Scenario::builtin(self.scenario).expect("a built-in scenario");
         let world = World::new(&scenario, self.preset, self.seed).expect("a valid world");
         let sets: Vec<String> = self.sets.iter().map(|set| (*set).to_owned()).collect();
@@ -51,17 +60,18 @@ impl Run<'_> {
                     scorer.truth(&row);
                 }
             }
-            let Some(reading) = tamper(reading) else { continue };
-            navigator.push(&reading, &mut Unmeasured, &mut |output| match output {
-                Output::Estimate(estimate) => {
-                    assert_finite(estimate);
-                    modes[estimate.mode() as usize] += 1;
-                    if estimate.mode() != Mode::Initialising {
-                        scorer.estimate_with(&EstimatePoint::from(estimate), |pair| pairs.push(*pair));
+            courier(reading, &mut |reading| {
+                navigator.push(&reading, &mut Unmeasured, &mut |output| match output {
+                    Output::Estimate(estimate) => {
+                        assert_finite(estimate);
+                        modes[estimate.mode() as usize] += 1;
+                        if estimate.mode() != Mode::Initialising {
+                            scorer.estimate_with(&EstimatePoint::from(estimate), |pair| pairs.push(*pair));
+                        }
                     }
-                }
-                Output::Solution(solution, _) => solutions.push(*solution),
-                Output::Origin(_) => {}
+                    Output::Solution(solution, _) => solutions.push(*solution),
+                    Output::Origin(_) => {}
+                });
             });
         }
         Ran { score: scorer.score().expect("estimates met the truth"), pairs, solutions, modes, navigator }

@@ -110,7 +110,8 @@ impl Comparison {
 
     fn compare(&mut self, estimate: &Point, truth: &Truth, frame: &LocalFrame) {
         let truth_geodetic = Geodetic::from_degrees(truth.lat_deg, truth.lon_deg, truth.height);
-        let error = estimate.position_enu - frame.to_enu(&truth_geodetic);
+        let truth_enu = frame.to_enu(&truth_geodetic);
+        let error = estimate.position_enu - truth_enu;
         let Some(q_truth) = unit_quaternion(truth.q_enu_body) else { return };
         if !error.iter().all(|x| x.is_finite()) {
             return;
@@ -129,6 +130,7 @@ impl Comparison {
             .map_or(f64::NAN, |information| (horizontal.transpose() * information * horizontal)[0]);
         self.newest = Some(TruthError {
             t: truth.t_valid().as_seconds(),
+            truth_enu: truth_enu.into(),
             position_enu: error.into(),
             position_in_sigmas: [error.x / ee.sqrt(), error.y / nn.sqrt(), error.z / uu.sqrt()],
             horizontal: horizontal.norm(),

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use shared_types::{REJECT_REASONS, SENSORS, Sensor, SensorCounts, SensorHealth, Time};
+use shared_types::{
+    AIDING, KeyframeReport, REJECT_REASONS, SENSORS, Sensor, SensorCounts, SensorHealth, Solution, Time,
+};
 
 use super::slope::Slope;
 use crate::snapshot::{EventKind, SensorRow};
@@ -73,11 +75,20 @@ impl Line {
 pub(super) struct Sensors {
     lines: [Line; SENSORS.len()],
     counts: [SensorCounts; SENSORS.len()],
+    /// Innovation in sigmas at the newest keyframe that has the sensor.
+    innovations: [Option<f64>; SENSORS.len()],
+    /// Time offset and its 1-sigma, s.
+    time_offsets: [Option<[f64; 2]>; SENSORS.len()],
 }
 
 impl Sensors {
     pub(super) fn new() -> Sensors {
-        Sensors { lines: core::array::from_fn(|_| Line::new()), counts: Default::default() }
+        Sensors {
+            lines: core::array::from_fn(|_| Line::new()),
+            counts: Default::default(),
+            innovations: Default::default(),
+            time_offsets: Default::default(),
+        }
     }
 
     /// Takes in the preprocessor's account, heard at the data time `now`.
@@ -93,8 +104,25 @@ impl Sensors {
     }
 
     /// Takes in the estimator's account.
-    pub(super) fn counts(&mut self, counts: &[SensorCounts; 7]) {
-        self.counts = *counts;
+    pub(super) fn solution(&mut self, solution: &Solution) {
+        self.counts = solution.counts;
+        let offsets = solution.time_offset.into_iter().zip(solution.time_offset_sigma);
+        for (sensor, (offset, sigma)) in AIDING.into_iter().zip(offsets) {
+            self.time_offsets[sensor.index()] = (sigma > 0.0).then_some([offset, sigma]);
+        }
+    }
+
+    /// Takes in what a keyframe's factors say.
+    pub(super) fn report(&mut self, report: &KeyframeReport) {
+        let factors = &report.factors[..report.factors.len().min(report.factor_count as usize)];
+        for sensor in AIDING {
+            let of_sensor = || factors.iter().filter(|factor| factor.sensor == sensor as u32);
+            let rows: u32 = of_sensor().map(|factor| factor.rows).sum();
+            if rows > 0 {
+                let nis: f64 = of_sensor().map(|factor| factor.nis).sum();
+                self.innovations[sensor.index()] = Some((nis / f64::from(rows)).sqrt());
+            }
+        }
     }
 
     /// Data time of the newest IMU sample that the preprocessor has seen.
@@ -124,6 +152,9 @@ impl Sensors {
             used: counts.used,
             rejected,
             is_silent,
+            innovation: self.innovations[sensor.index()],
+            time_offset: self.time_offsets[sensor.index()].map(|[offset, _]| offset),
+            time_offset_sigma: self.time_offsets[sensor.index()].map(|[_, sigma]| sigma),
         }
     }
 }
@@ -131,7 +162,8 @@ impl Sensors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Duration, RejectReason};
+    use crate::testing::{report_at, solution_at};
+    use shared_types::{Duration, FactorReport, RejectReason};
 
     fn heard(received: u64, seconds: f64) -> [SensorHealth; 7] {
         let mut health = [SensorHealth::NONE; 7];
@@ -195,13 +227,33 @@ mod tests {
         let mut sensors = Sensors::new();
         let mut health = heard(9, 1.0);
         health[Sensor::Dvl.index()].rejected[RejectReason::OutOfRange.index()] = 2;
-        let mut counts = [SensorCounts::default(); 7];
-        counts[Sensor::Dvl.index()].used = 4;
-        counts[Sensor::Dvl.index()].rejected[RejectReason::Gated.index()] = 3;
+        let mut solution = solution_at(1.0);
+        solution.counts[Sensor::Dvl.index()].used = 4;
+        solution.counts[Sensor::Dvl.index()].rejected[RejectReason::Gated.index()] = 3;
         sensors.health(&health, None, &mut |_| {});
-        sensors.counts(&counts);
+        sensors.solution(&solution);
         let row = sensors.row(Sensor::Dvl, None, None, false);
         assert_eq!(row.rejected.into_iter().collect::<Vec<_>>(), [("gated", 3), ("out_of_range", 2)]);
         assert_eq!(row.used, 4);
+    }
+
+    #[test]
+    fn innovation_and_time_offset_are_those_of_the_newest_keyframe_with_the_sensor() {
+        let mut sensors = Sensors::new();
+        let mut report = report_at(1.0);
+        for (factor, nis) in report.factors[..2].iter_mut().zip([1.0, 7.0]) {
+            *factor = FactorReport { sensor: Sensor::Lbl as u32, rows: 1, nis, ..FactorReport::default() };
+        }
+        report.factor_count = 2;
+        sensors.report(&report);
+        report.factor_count = 0;
+        sensors.report(&report);
+        let mut solution = solution_at(1.0);
+        (solution.time_offset[2], solution.time_offset_sigma[2]) = (0.05, 0.01);
+        sensors.solution(&solution);
+        let lbl = sensors.row(Sensor::Lbl, None, None, false);
+        assert_eq!((lbl.innovation, lbl.time_offset), (Some(2.0), None));
+        let dvl = sensors.row(Sensor::Dvl, None, None, false);
+        assert_eq!((dvl.innovation, dvl.time_offset, dvl.time_offset_sigma), (None, Some(0.05), Some(0.01)));
     }
 }

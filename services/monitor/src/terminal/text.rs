@@ -44,6 +44,11 @@ impl Line {
         self
     }
 
+    /// Letters in it.
+    pub(super) fn width(&self) -> usize {
+        self.0.iter().map(|(_, text)| text.chars().filter(|letter| !letter.is_control()).count()).sum()
+    }
+
     /// Without blanks at its end.
     pub(super) fn trimmed(mut self) -> Line {
         if let Some((_, text)) = self.0.last_mut() {
