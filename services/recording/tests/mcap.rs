@@ -97,7 +97,7 @@ fn heartbeat() -> Heartbeat {
         dropped: 0,
         handled: 1,
         sensors: [SensorHealth::NONE; 7],
-        hop_in: HopLatency { count: 1, p50_ns: 1, p99_ns: 2, max_ns: 3 },
+        hop_in: HopLatency { count: 1, p50_ns: 1, p99_ns: 2, max_ns: 3, ..HopLatency::default() },
         end_to_end: HopLatency::default(),
         work: HopLatency::default(),
     }
