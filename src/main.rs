@@ -12,6 +12,7 @@ mod hold;
 mod latency;
 mod plan;
 mod processes;
+mod recording;
 mod run;
 mod status;
 mod supervisor;
@@ -56,6 +57,8 @@ enum Command {
     ReferenceSender(latency::SenderArgs),
     /// Show a finished run in a browser, with a time slider, or write it into one HTML file.
     View(view::ViewArgs),
+    /// Look at an MCAP recording, make a torn one whole, or write its log directory.
+    Recording(recording::RecordingArgs),
     /// Show the processes and channels of a running set.
     Status(status::StatusArgs),
     /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
@@ -76,6 +79,7 @@ fn main() -> ExitCode {
         Command::Latency(args) => exit_with("latency", latency::run(&args)),
         Command::ReferenceSender(args) => exit_with(latency::SENDER, latency::send_references(&args)),
         Command::View(args) => exit_with("view", view::run(&args)),
+        Command::Recording(args) => exit_with("recording", recording::run(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),
         Command::Process(command) => exit_with(command.name(), command.run()),

@@ -75,6 +75,7 @@ const TABLE: &[Row] = &[
             "ilns-solver",
             "ilns-propagator",
             "ilns-recorder",
+            "ilns-recording",
             "ilns-monitor",
             "ilns-replay",
             "sim-emulators",

@@ -3,8 +3,8 @@
 use ilns_bus::{Bus, BusError, Subscriber};
 use ilns_runtime::HeartbeatBuilder;
 use shared_types::{
-    BuoyFix, DvlVelocity, FrameOrigin, GnssFix, Heartbeat, ImuSample, LblRange, McpHeading, Message, NavEstimate,
-    PsDepth, RawReading, SENSORS, Sensor, Solution, Truth, channel,
+    BuoyFix, DvlVelocity, FrameOrigin, GnssFix, Heartbeat, ImuSample, KeyframeReport, LblRange, McpHeading, Message,
+    NavEstimate, PsDepth, RawReading, SENSORS, Sensor, Solution, Truth, channel,
 };
 
 /// All readers of this process.
@@ -21,6 +21,7 @@ pub(crate) struct Inputs {
     pub(crate) solutions: Subscriber<Solution>,
     pub(crate) frame_origin: Subscriber<FrameOrigin>,
     pub(crate) health: Subscriber<Heartbeat>,
+    pub(crate) diagnostics: Subscriber<KeyframeReport>,
 }
 
 impl Inputs {
@@ -38,6 +39,7 @@ impl Inputs {
             solutions: bus.subscriber(&channel::SOLUTION)?,
             frame_origin: bus.subscriber(&channel::FRAME_ORIGIN)?,
             health: bus.subscriber(&channel::HEALTH)?,
+            diagnostics: bus.subscriber(&channel::DIAGNOSTICS)?,
         })
     }
 

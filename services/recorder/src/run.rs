@@ -11,6 +11,7 @@ use tracing::{info, warn};
 use crate::error::RecorderError;
 use crate::estimate_log::EstimateLog;
 use crate::live_score::LiveScore;
+use crate::mcap_log::{Entry, McapArgs, McapLog};
 use crate::ports::Inputs;
 use crate::tally::Tally;
 
@@ -32,6 +33,9 @@ pub struct Args {
     /// Replace a log that the folder already holds.
     #[arg(long)]
     pub replace: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub mcap: McapArgs,
 }
 
 impl Args {
@@ -65,6 +69,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), RecorderError> 
     let mut record = Record {
         inputs: Inputs::open(&bus)?,
         log: LogWriter::create(args.folder(), LogWriterOptions { arrival_columns: true, replace: args.replace })?,
+        mcap: McapLog::create(&args.folder(), args.mcap, args.replace, config.to_toml())?,
         estimates: EstimateLog::create(&args.folder())?,
         tally: Tally::new(&config),
         origin: None,
@@ -93,6 +98,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), RecorderError> 
 struct Record {
     inputs: Inputs,
     log: LogWriter,
+    mcap: McapLog,
     estimates: EstimateLog,
     tally: Tally,
     /// Of the ENU frame: latitude, longitude in degrees, height in m.
@@ -104,7 +110,7 @@ struct Record {
 
 impl Record {
     fn write_down(&mut self) -> Result<(), RecorderError> {
-        let Record { inputs, log, estimates, tally, origin, live_score, heartbeat, mono_start } = self;
+        let Record { inputs, log, mcap, estimates, tally, origin, live_score, heartbeat, mono_start } = self;
         // The frame first: estimates and truth are compared in it.
         while let Some(found) = inputs.frame_origin.receive() {
             origin.get_or_insert([found.lat_deg, found.lon_deg, found.height]);
@@ -115,14 +121,17 @@ impl Record {
         }
         if let Some(origin) = *origin {
             live_score.origin(origin);
+            mcap.origin(origin);
         }
         inputs.readings(&mut |reading| {
             heartbeat.handled += 1;
             heartbeat.reading(reading.sensor(), reading.t_valid());
+            mcap.take(|| Entry::Reading(*reading));
             log.reading(reading)
         })?;
         while let Some(truth) = inputs.truth.receive() {
             live_score.truth(&truth);
+            mcap.take(|| Entry::Truth(Box::new(truth)));
             log.truth(&truth)?;
         }
         while let Some(estimate) = inputs.estimates.receive() {
@@ -130,10 +139,15 @@ impl Record {
             if estimate.header.t_published >= *mono_start {
                 heartbeat.hop_in.record(monotonic_now() - estimate.header.t_published);
             }
+            mcap.estimate(&estimate);
             estimates.take(&estimate, &mut |written| live_score.estimate(written))?;
         }
         while let Some(beat) = inputs.health.receive() {
             tally.heartbeat(&beat);
+            mcap.take(|| Entry::Health(Box::new(beat)));
+        }
+        while let Some(report) = inputs.diagnostics.receive() {
+            mcap.take(|| Entry::Report(Box::new(report)));
         }
         Ok(())
     }
@@ -152,6 +166,7 @@ impl Record {
         }
         let lost_before = self.heartbeat.dropped;
         self.inputs.count_losses(&mut self.heartbeat);
+        self.mcap.say_drops(self.heartbeat.dropped);
         if self.heartbeat.dropped > lost_before {
             warn!(lost = self.heartbeat.dropped - lost_before, "messages did not reach the record (is the disk slow?)");
         }
@@ -172,6 +187,7 @@ impl Record {
         };
         summary.write(&folder)?;
         let lost = self.inputs.lost_in_all();
+        self.mcap.finish(lost);
         if lost + written.not_finite + written.out_of_order > 0 {
             let (not_finite, out_of_order) = (written.not_finite, written.out_of_order);
             warn!(lost, not_finite, out_of_order, "the record is not whole");

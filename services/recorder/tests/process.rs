@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ilns_bus::{Bus, Owner, Prefix};
-use ilns_recorder::{Args, RecorderError, run_until};
+use ilns_recorder::{Args, McapArgs, RecorderError, run_until};
 use ilns_recording::{LogDirectory, Summary, read_estimates};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown};
 use shared_types::{
@@ -32,6 +32,7 @@ impl Recorder {
             },
             out: out.to_owned(),
             replace: false,
+            mcap: McapArgs::default(),
         };
         let shutdown = Shutdown::default();
         let stop = shutdown.clone();

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::checkpoint::CheckpointError;
+use crate::mcap::McapFault;
 use shared_types::Time;
 
 /// A log or estimate file that cannot be read or written.
@@ -238,6 +239,14 @@ pub enum LogError {
         file: PathBuf,
         /// Why not.
         reason: CheckpointError,
+    },
+    /// An MCAP that is none, or not one of ours.
+    #[error("{}: {fault}", file.display())]
+    Mcap {
+        /// Which file.
+        file: PathBuf,
+        /// What is wrong.
+        fault: McapFault,
     },
     /// The operating system refused.
     #[error("{}: cannot {action}", file.display())]

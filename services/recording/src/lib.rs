@@ -5,6 +5,8 @@
 //! readings      --> LogWriter    --> log directory
 //! estimates     --> EstimateWriter --> estimate.csv, estimate.tum;  Summary --> summary.json
 //! estimate.csv  --> read_estimates;  any .tum --> read_tum
+//! estimate.csv  --> read_estimates
+//! the whole run --> mcap::McapWriter --> recording.mcap --> mcap::{inspect, recover, export}
 //! ```
 //!
 //! Every reader streams: a log of a day takes no more memory than one of a minute. Every error names file, line, column
@@ -20,12 +22,15 @@ mod foreign;
 mod kaist;
 mod lines;
 mod log_writer;
+pub mod mcap;
 mod merged;
 mod oxts;
 mod reader;
 mod rows;
 mod summary;
 mod table;
+#[cfg(test)]
+mod testing;
 mod text_file;
 mod tum_reader;
 

@@ -37,6 +37,18 @@ pub struct LogWriterOptions {
     pub replace: bool,
 }
 
+fn log_files(dir: &Path) -> impl Iterator<Item = PathBuf> {
+    FILES.into_iter().chain([CONFIG_FILE]).map(|name| dir.join(name))
+}
+
+/// Rows of two logs in one folder would be read as one log.
+pub(crate) fn refuse_existing_log(dir: &Path) -> Result<(), LogError> {
+    match log_files(dir).find(|file| file.exists()) {
+        Some(file) => Err(LogError::LogExists { file }),
+        None => Ok(()),
+    }
+}
+
 /// A log directory under construction. Rows of one sensor are written in the order of the calls.
 #[derive(Debug)]
 pub struct LogWriter {
@@ -54,14 +66,12 @@ impl LogWriter {
     pub fn create(dir: impl AsRef<Path>, options: LogWriterOptions) -> Result<LogWriter, LogError> {
         let dir = dir.as_ref();
         fs::create_dir_all(dir).map_err(LogError::io(dir, "create the directory"))?;
-        for name in FILES.into_iter().chain([CONFIG_FILE]) {
-            let file = dir.join(name);
-            match (file.exists(), options.replace) {
-                (true, true) => fs::remove_file(&file).map_err(LogError::io(&file, "delete"))?,
-                (true, false) => return Err(LogError::LogExists { file }),
-                (false, _) => {}
+        if options.replace {
+            for file in log_files(dir).filter(|file| file.exists()) {
+                fs::remove_file(&file).map_err(LogError::io(&file, "delete"))?;
             }
         }
+        refuse_existing_log(dir)?;
         Ok(LogWriter { dir: dir.to_owned(), options, files: Default::default() })
     }
 
