@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
-use ilns_recording::{LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};
+use ilns_recording::{
+    ESTIMATE_FILES, LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary,
+};
 use nav_evaluation::{EstimatePoint, Score, Scorer, Window};
 use nav_geometry::Geodetic;
 use shared_types::{AIDING, Mode, NavEstimate, SENSORS, Sensor, SensorCounts, Time};
@@ -207,4 +209,9 @@ fn report(summary: &Summary, score: Option<&Score>) {
     if let Some(score) = score {
         eprint!("{}", table(score));
     }
+}
+
+/// The estimates of a run: its file itself, or the file in the folder that `ilns replay` wrote.
+pub(crate) fn estimate_file(out: &Path) -> PathBuf {
+    if out.is_dir() { out.join(ESTIMATE_FILES[0]) } else { out.to_owned() }
 }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use ilns_recording::{ESTIMATE_FILES, EstimateRow, LogDirectory, read_estimates};
+use ilns_recording::{EstimateRow, LogDirectory, read_estimates};
 use nav_evaluation::{Pair, Window};
 use nav_geometry::{Geodetic, LocalFrame};
 use shared_types::{Mode, Time};
@@ -13,6 +13,7 @@ use shared_types::{Mode, Time};
 use crate::chart;
 use crate::error::ReplayError;
 use crate::origin;
+use crate::output::estimate_file;
 use crate::score::score_files;
 use crate::thinned::Thinned;
 
@@ -83,7 +84,7 @@ impl ErrorSample {
 /// # Errors
 /// A bad file, an unknown origin, no common time.
 pub fn run(args: &PlotArgs) -> Result<(), ReplayError> {
-    let estimate = if args.out.is_dir() { args.out.join(ESTIMATE_FILES[0]) } else { args.out.clone() };
+    let estimate = estimate_file(&args.out);
     let mut gathering = Gathering::new();
     let mut buoys = Vec::new();
     match &args.truth {

@@ -13,13 +13,14 @@ use shared_types::{Time, Truth};
 
 use crate::error::ReplayError;
 use crate::origin;
+use crate::output::estimate_file;
 use crate::trajectory::{TrajectoryArgs, score_trajectory};
 
 /// Holds an estimate file against the truth: RMS, NEES, share within three sigmas; or any trajectory against another.
 #[derive(Args, Clone, Debug)]
 pub struct ScoreArgs {
-    /// The estimates, as `ilns replay` writes them; `summary.json` beside it gives the origin of the frame.
-    #[arg(value_name = "OUT/estimate.csv", required_unless_present = "tum", conflicts_with = "tum")]
+    /// A run's folder as `ilns replay` writes it, or an estimate.csv; `summary.json` there gives the origin of the frame.
+    #[arg(value_name = "OUT", required_unless_present = "tum", conflicts_with = "tum")]
     pub estimate: Option<PathBuf>,
     /// The truth to hold them against; with --tum, a truth.csv or another trajectory in TUM format.
     #[arg(long, value_name = "DIR/truth.csv")]
@@ -56,9 +57,10 @@ pub fn run(args: &ScoreArgs) -> Result<(), ReplayError> {
             let score = score_trajectory(tum, &args.truth, args.origin, window, &args.trajectory)?;
             if args.json { json(&score) } else { score.table() }
         }
-        (None, Some(estimate)) => {
-            let origin = origin::find(args.origin, estimate, Some(&args.truth))?;
-            let score = score_files(estimate, &args.truth, origin, window, |_, _| {})?;
+        (None, Some(out)) => {
+            let estimate = estimate_file(out);
+            let origin = origin::find(args.origin, &estimate, Some(&args.truth))?;
+            let score = score_files(&estimate, &args.truth, origin, window, |_, _| {})?;
             if args.json { json(&score) } else { table(&score) }
         }
         (None, None) => unreachable!("the command line asks for one of them"),

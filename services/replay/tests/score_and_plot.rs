@@ -153,6 +153,7 @@ fn a_score_of_the_files_needs_an_origin_and_a_common_time() {
     replay(&log, out.path());
     let args = score_args(out.path().join("estimate.csv"), log.path().join("truth.csv"));
     score::run(&args).unwrap();
+    score::run(&score_args(out.path().to_owned(), args.truth.clone())).expect("the folder will do");
 
     let late = ScoreArgs { from: Some(Time(900_000_000_000)), ..args.clone() };
     assert!(matches!(score::run(&late).unwrap_err(), ReplayError::NoCommonTime { .. }));
