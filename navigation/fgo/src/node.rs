@@ -29,6 +29,12 @@ const BATCH_POSITION: f64 = 1e-2;
 const BATCH_VELOCITY: f64 = 1e-2;
 const BATCH_ATTITUDE: f64 = 1e-4;
 
+/// A share of the tolerance of weights. No kernel's weight changes by more than one per sigma of its residual, so where none
+/// changed by more than this many sigmas every weight stands well within the tolerance.
+const SETTLED: f64 = 0.3;
+/// Where no residual changed by more, in sigmas, a cost stands to a hundredth.
+const COUNTED: f64 = 0.02;
+
 /// A step smaller than this need not be carried to older states (§4.3).
 const CARRY_POSITION: f64 = 1e-3;
 const CARRY_VELOCITY: f64 = 1e-3;
@@ -59,8 +65,12 @@ pub struct Node {
     pub link: Link<DIM>,
     /// The time offsets' columns beside it.
     pub columns: Columns,
+    /// The step at which its weights were last taken; `None` where measurements have come since.
+    weighted_at: Option<BlockVector<DIM>>,
     /// Half the robust sum of squares of its measurements and its interval, when last summed.
-    pub cost: f64,
+    cost: f64,
+    /// The step at which that was; `None` where what is summed has changed since.
+    counted_at: Option<BlockVector<DIM>>,
 }
 
 /// The IMU factor between a keyframe and the next, at their linearisation points.
@@ -182,7 +192,9 @@ impl Node {
             between: Between::default(),
             link: Link::default(),
             columns: Columns::default(),
+            weighted_at: None,
             cost: 0.0,
+            counted_at: None,
         }
     }
 
@@ -201,7 +213,34 @@ impl Node {
         self.interval.far = (Block::zeros(), BlockVector::zeros());
         self.interval.coupling_transposed = Block::zeros();
         self.interval.cost = 0.0;
-        self.cost = 0.0;
+        self.has_changed();
+    }
+
+    /// To be said where measurements were added or linearised anew.
+    pub fn has_changed(&mut self) {
+        self.weighted_at = None;
+        self.uncount();
+    }
+
+    /// To be said where the cost must be summed anew.
+    pub fn uncount(&mut self) {
+        self.counted_at = None;
+    }
+
+    /// Whether the cost no longer stands.
+    pub fn is_uncounted(&self) -> bool {
+        !self.counted_at.is_some_and(|at| self.between.is_empty() && self.rows.most_felt(&(self.delta - at)) < COUNTED)
+    }
+
+    /// The cost when last summed.
+    pub fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    /// Takes the cost at the present step.
+    pub fn count(&mut self, cost: f64) {
+        self.cost = cost;
+        self.counted_at = Some(self.delta);
     }
 
     /// Evaluates every sensor anew at the linearisation point, weights at the present estimate.
@@ -212,6 +251,7 @@ impl Node {
             index += Factor::push_rows(&self.factors[index..], &self.linearised, world, &mut self.rows);
         }
         self.between.linearise(&self.linearised, world);
+        self.has_changed();
         self.refresh_weights(0.0);
         self.assemble_sensors();
     }
@@ -226,6 +266,13 @@ impl Node {
     /// Takes robust weights from the residuals at the present estimate where they differ by more than `tolerance`. Returns
     /// whether any changed.
     pub fn refresh_weights(&mut self, tolerance: f64) -> bool {
+        if let Some(weighted_at) = &self.weighted_at
+            && self.between.is_empty()
+            && self.rows.most_felt(&(self.delta - weighted_at)) < SETTLED * tolerance
+        {
+            return false;
+        }
+        self.weighted_at = Some(self.delta);
         let Node { rows, between, delta, .. } = self;
         wide(|| rows.refresh_weights(delta, tolerance)) | between.refresh_weights(delta, tolerance)
     }

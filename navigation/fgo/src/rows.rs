@@ -60,11 +60,25 @@ impl Slope {
     };
 }
 
+/// Parts of a state: position, velocity, attitude and the two biases.
+const PARTS: usize = DIM / 3;
+/// Squares of the least steepness that a part is taken to have: 3 mm, 3 mm/s, 30 µrad and the like of the biases are felt
+/// with or without rows, by the interval.
+const STEEPNESS_MIN: [f64; PARTS] = [1e2, 1e2, 1e6, 1e6, 1e8];
+
 /// All rows tied to one keyframe.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Rows {
     rows: Vec<Row>,
     spans: Vec<Span>,
+    /// Largest squared length of each part of a row.
+    steepest: [f64; PARTS],
+}
+
+impl Default for Rows {
+    fn default() -> Self {
+        Rows { rows: Vec::new(), spans: Vec::new(), steepest: STEEPNESS_MIN }
+    }
 }
 
 impl Rows {
@@ -72,6 +86,7 @@ impl Rows {
     pub fn clear(&mut self) {
         self.rows.clear();
         self.spans.clear();
+        self.steepest = STEEPNESS_MIN;
     }
 
     /// Appends a group of the sensor at this place in [`AIDING`].
@@ -89,6 +104,16 @@ impl Rows {
     /// Adds rows to the group that was begun.
     pub fn extend(&mut self, rows: &[Row]) {
         self.rows.extend_from_slice(rows);
+        for row in rows {
+            for (steepest, length) in self.steepest.iter_mut().zip(squares(&row.jacobian)) {
+                *steepest = steepest.max(length);
+            }
+        }
+    }
+
+    /// The most by which a change of the step can change a whitened residual, in sigmas.
+    pub fn most_felt(&self, change: &BlockVector<DIM>) -> f64 {
+        self.steepest.iter().zip(squares(change)).map(|(steepest, square)| (steepest * square).sqrt()).sum()
     }
 
     /// Ends the group that was begun; one without rows vanishes.
@@ -235,6 +260,15 @@ impl Rows {
     }
 }
 
+/// Squared lengths of the parts of a vector.
+fn squares(v: &BlockVector<DIM>) -> [f64; PARTS] {
+    let v = &v.data.0[0];
+    core::array::from_fn(|part| {
+        let at = 3 * part;
+        v[at] * v[at] + v[at + 1] * v[at + 1] + v[at + 2] * v[at + 2]
+    })
+}
+
 /// target += Σ w j jᵀ, column by column: a column stays in registers while all rows pass.
 #[inline(always)]
 fn add_gram(target: &mut Block<DIM>, rows: &[Row]) {
@@ -309,6 +343,20 @@ mod tests {
         let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
         block.assemble(&mut information, &mut right);
         (information, right)
+    }
+
+    #[test]
+    fn no_residual_changes_by_more_than_is_felt_at_most() {
+        let (_, _, epoch) = epoch();
+        let mut rows = Rows::default();
+        rows.push(0, Group::Single { kernel: Kernel::None }, &epoch);
+        for seed in 0..20 {
+            let change = BlockVector::from_fn(|i, _| ((seed * 31 + i * 7) as f64).sin() * 0.01);
+            let most = rows.most_felt(&change);
+            let changes = epoch.iter().map(|row| (row.after(&change) - row.residual).abs());
+            let felt = changes.fold(0.0, f64::max);
+            assert!(felt <= most, "{felt} {most}");
+        }
     }
 
     #[test]

@@ -65,8 +65,9 @@ pub struct SolveReport {
 pub struct Window {
     config: FgoConfig,
     world: WorldModel,
-    nodes: VecDeque<Node>,
-    spare: Vec<Node>,
+    /// Boxed: a keyframe is some 40 kB, and a ring that wraps around would move them all to lie in one piece.
+    nodes: VecDeque<Box<Node>>,
+    spare: Vec<Box<Node>>,
     prior: Marginal<DIM>,
     column_prior: ColumnPrior,
     /// Whether the prior holds marginalised states, whose linearisation cannot be repeated.
@@ -105,7 +106,7 @@ impl Window {
     }
 
     /// Keyframes, oldest first.
-    pub fn nodes(&self) -> &VecDeque<Node> {
+    pub fn nodes(&self) -> &VecDeque<Box<Node>> {
         &self.nodes
     }
 
@@ -133,7 +134,7 @@ impl Window {
                 node.renew(t, state);
                 node
             }
-            None => Node::new(t, state),
+            None => Box::new(Node::new(t, state)),
         };
         self.nodes.push_back(node);
     }
@@ -195,6 +196,7 @@ impl Window {
         let node = &mut self.nodes[index];
         node.rows.push(first.place(), first.group(), rows);
         node.factors.extend_from_slice(factors);
+        node.has_changed();
         self.dirty = self.dirty.min(index);
         self.uncounted = self.uncounted.min(index);
     }
@@ -213,6 +215,9 @@ impl Window {
 
     /// Builds the factor of every interval anew into which [`Window::tie_jointly`] has put a measurement.
     pub fn join(&mut self, history: &ImuHistory, imu: &ImuModel) {
+        if !self.is_joint {
+            return;
+        }
         for index in 0..self.nodes.len() {
             if self.nodes[index].join(history, imu) {
                 self.linearise_interval(index);
@@ -227,8 +232,9 @@ impl Window {
         }
         let far = self.nodes[index + 1].linearised;
         let node = &mut self.nodes[index];
-        let Node { linearised: near, interval, between, .. } = node;
+        let Node { linearised: near, interval, between, .. } = &mut **node;
         interval.linearise(near, &far, between, &self.world);
+        node.uncount();
         self.dirty = self.dirty.min(index);
     }
 
@@ -420,7 +426,7 @@ impl Window {
         let nodes = self.nodes.make_contiguous();
         for index in self.columns_behind..nodes.len() {
             let (before, rest) = nodes.split_at_mut(index);
-            let Node { t, rows, link, columns, .. } = &mut rest[0];
+            let Node { t, rows, link, columns, .. } = &mut *rest[0];
             let before = before.last().map_or(Before::Prior(&self.column_prior), |earlier| {
                 Before::Link(&earlier.columns, &earlier.link, *t - earlier.t)
             });
@@ -464,6 +470,7 @@ impl Window {
                 self.linearise_interval(index - 1);
             }
             before_moved = moved;
+            self.nodes[index].uncount();
         }
         self.dirty = 0;
         self.uncounted = 0;
@@ -559,18 +566,23 @@ impl Window {
     }
 
     /// Half the robust sum of squares over all measurements and intervals at the present estimate, as far as the linear
-    /// model tells; the prior is left out. Only what changed since the last call is summed anew.
+    /// model tells; the prior is left out. Only what changed visibly since the last call is summed anew.
     pub fn cost(&mut self) -> f64 {
         // An interval belongs to its earlier keyframe, and changes with the later one.
         let first = self.uncounted.saturating_sub(1);
+        let mut is_uncounted = self.nodes.get(first).is_some_and(|node| node.is_uncounted());
         for index in first..self.nodes.len() {
-            let node = &self.nodes[index];
-            let inertial = self.nodes.get(index + 1).map_or(0.0, |next| wide(|| interval_cost(node, next)));
-            let cost = wide(|| node.rows.cost(&node.delta)) + inertial;
-            self.nodes[index].cost = cost;
+            let (node, next) = (&self.nodes[index], self.nodes.get(index + 1));
+            let next_is_uncounted = next.is_some_and(|next| next.is_uncounted());
+            if is_uncounted || next_is_uncounted {
+                let inertial = next.map_or(0.0, |next| wide(|| interval_cost(node, next)));
+                let cost = wide(|| node.rows.cost(&node.delta)) + inertial;
+                self.nodes[index].count(cost);
+            }
+            is_uncounted = next_is_uncounted;
         }
         self.uncounted = self.nodes.len();
-        self.nodes.iter().map(|node| node.cost).sum()
+        self.nodes.iter().map(|node| node.cost()).sum()
     }
 }
 
