@@ -153,6 +153,7 @@ mod tests {
     use super::*;
     use faer::linalg::solvers::Solve;
     use nalgebra::DMatrix;
+    use nav_models::wide;
 
     const N: usize = 15;
     const LINKS: usize = 7;
@@ -253,5 +254,29 @@ mod tests {
             let block = inverse.view((k * N, k * N), (N, N));
             assert!((covariance - block).amax() < 1e-12, "link {k}");
         }
+    }
+
+    #[test]
+    fn the_same_bits_with_and_without_wide_instructions() {
+        let (mut narrow, _, _) = chain();
+        let mut wider = narrow.clone();
+        for k in 0..LINKS {
+            let (before, rest) = narrow.split_at_mut(k);
+            rest[0].sweep(before.last(), 0.0).expect("positive definite");
+            let (before, rest) = wider.split_at_mut(k);
+            wide(|| rest[0].sweep(before.last(), 0.0)).expect("positive definite");
+            assert_eq!(bits(&rest[0].factor), bits(&narrow[k].factor), "link {k}");
+            assert_eq!(bits(&rest[0].y_transposed), bits(&narrow[k].y_transposed), "link {k}");
+        }
+        let next = narrow[LINKS - 1].substitute(None);
+        let (step, wide_step) =
+            (narrow[LINKS - 2].substitute(Some(&next)), wide(|| wider[LINKS - 2].substitute(Some(&next))));
+        assert_eq!(bits(&step), bits(&wide_step));
+        let last = &narrow[LINKS - 1];
+        assert_eq!(bits(&last.covariance()), bits(&wide(|| last.covariance())));
+    }
+
+    fn bits<const R: usize, const C: usize>(matrix: &SMatrix<f64, R, C>) -> Vec<u64> {
+        matrix.iter().map(|value| value.to_bits()).collect()
     }
 }

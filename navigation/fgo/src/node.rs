@@ -29,16 +29,13 @@ const BATCH_POSITION: f64 = 1e-2;
 const BATCH_VELOCITY: f64 = 1e-2;
 const BATCH_ATTITUDE: f64 = 1e-4;
 
-/// A share of the tolerance of weights. No kernel's weight changes by more than one per sigma of its residual, so where none
-/// changed by more than this many sigmas every weight stands well within the tolerance.
-const SETTLED: f64 = 0.3;
-/// Where no residual changed by more, in sigmas, a cost stands to a hundredth.
-const COUNTED: f64 = 0.02;
+/// Where no residual changed by more, in sigmas, a cost stands to a few hundredths.
+const COUNTED: f64 = 0.05;
 
 /// A step smaller than this need not be carried to older states (§4.3).
-const CARRY_POSITION: f64 = 1e-3;
-const CARRY_VELOCITY: f64 = 1e-3;
-const CARRY_ATTITUDE: f64 = 1e-5;
+const CARRY_POSITION: f64 = 3e-3;
+const CARRY_VELOCITY: f64 = 3e-3;
+const CARRY_ATTITUDE: f64 = 5e-5;
 
 /// One keyframe.
 #[derive(Clone, Debug)]
@@ -268,8 +265,9 @@ impl Node {
     pub fn refresh_weights(&mut self, tolerance: f64) -> bool {
         if let Some(weighted_at) = &self.weighted_at
             && self.between.is_empty()
-            && self.rows.most_felt(&(self.delta - weighted_at)) < SETTLED * tolerance
+            && self.rows.most_felt(&(self.delta - weighted_at)) < tolerance
         {
+            // No kernel's weight changes by more than one per sigma of its residual.
             return false;
         }
         self.weighted_at = Some(self.delta);

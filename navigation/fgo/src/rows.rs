@@ -60,24 +60,21 @@ impl Slope {
     };
 }
 
-/// Parts of a state: position, velocity, attitude and the two biases.
-const PARTS: usize = DIM / 3;
-/// Squares of the least steepness that a part is taken to have: 3 mm, 3 mm/s, 30 µrad and the like of the biases are felt
-/// with or without rows, by the interval.
-const STEEPNESS_MIN: [f64; PARTS] = [1e2, 1e2, 1e6, 1e6, 1e8];
+/// The least steepness that a coordinate is taken to have, per m, m/s, rad, m/s² and rad/s: what an interval feels.
+const STEEPNESS_MIN: [f64; DIM / 3] = [3.0, 10.0, 500.0, 100.0, 5000.0];
 
 /// All rows tied to one keyframe.
 #[derive(Clone, Debug)]
 pub struct Rows {
     rows: Vec<Row>,
     spans: Vec<Span>,
-    /// Largest squared length of each part of a row.
-    steepest: [f64; PARTS],
+    /// Largest slope of a row along each coordinate.
+    steepest: BlockVector<DIM>,
 }
 
 impl Default for Rows {
     fn default() -> Self {
-        Rows { rows: Vec::new(), spans: Vec::new(), steepest: STEEPNESS_MIN }
+        Rows { rows: Vec::new(), spans: Vec::new(), steepest: steepness_min() }
     }
 }
 
@@ -86,7 +83,7 @@ impl Rows {
     pub fn clear(&mut self) {
         self.rows.clear();
         self.spans.clear();
-        self.steepest = STEEPNESS_MIN;
+        self.steepest = steepness_min();
     }
 
     /// Appends a group of the sensor at this place in [`AIDING`].
@@ -105,15 +102,16 @@ impl Rows {
     pub fn extend(&mut self, rows: &[Row]) {
         self.rows.extend_from_slice(rows);
         for row in rows {
-            for (steepest, length) in self.steepest.iter_mut().zip(squares(&row.jacobian)) {
-                *steepest = steepest.max(length);
+            for i in 0..DIM {
+                self.steepest[i] = self.steepest[i].max(row.jacobian[i].abs());
             }
         }
     }
 
     /// The most by which a change of the step can change a whitened residual, in sigmas.
+    #[inline(always)]
     pub fn most_felt(&self, change: &BlockVector<DIM>) -> f64 {
-        self.steepest.iter().zip(squares(change)).map(|(steepest, square)| (steepest * square).sqrt()).sum()
+        (0..DIM).map(|i| self.steepest[i] * change[i].abs()).sum()
     }
 
     /// Ends the group that was begun; one without rows vanishes.
@@ -260,13 +258,8 @@ impl Rows {
     }
 }
 
-/// Squared lengths of the parts of a vector.
-fn squares(v: &BlockVector<DIM>) -> [f64; PARTS] {
-    let v = &v.data.0[0];
-    core::array::from_fn(|part| {
-        let at = 3 * part;
-        v[at] * v[at] + v[at + 1] * v[at + 1] + v[at + 2] * v[at + 2]
-    })
+fn steepness_min() -> BlockVector<DIM> {
+    BlockVector::from_fn(|i, _| STEEPNESS_MIN[i / 3])
 }
 
 /// target += Σ w j jᵀ, column by column: a column stays in registers while all rows pass.

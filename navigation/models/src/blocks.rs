@@ -119,6 +119,17 @@ mod tests {
     use super::*;
     use approx::assert_relative_eq;
 
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn a_processor_with_avx2_is_used_as_one() {
+        let has_it = std::arch::is_x86_feature_detected!("avx2")
+            && std::arch::is_x86_feature_detected!("fma")
+            && std::arch::is_x86_feature_detected!("bmi2")
+            && std::arch::is_x86_feature_detected!("lzcnt");
+        // A build of `pulp` without its instruction sets does not know this name.
+        assert_eq!(matches!(pulp::Arch::new(), pulp::Arch::V3(_)), has_it);
+    }
+
     #[test]
     fn written_out_products_are_the_products() {
         let a = Matrix3::from_fn(|row, column| ((row * 5 + column * 3) as f64).sin());
