@@ -2,7 +2,7 @@
 //!
 //! One set of rules for every estimator, so that a comparison of estimators is not one of gates.
 
-use shared_types::{Kernel, SENSORS, Sensor, SensorConfig, Time};
+use shared_types::{Duration, Kernel, SENSORS, Sensor, SensorConfig, Time};
 
 use crate::innovation::{Innovation, Refusals, median};
 use crate::robust::{ImprobableShare, settle};
@@ -12,6 +12,9 @@ use crate::row::Row;
 pub const EPOCH_MAX: usize = 32;
 /// With an unknown common offset the median of fewer ranges proves nothing (§3.3).
 const MEDIAN_MIN: usize = 3;
+/// How long a state stays to blame after two fixes or epochs of ranges within [`DISSENT_WITHIN`] disagreed with it.
+const DISSENT_FOR: Duration = Duration(10_000_000_000);
+const DISSENT_WITHIN: Duration = Duration(10_000_000_000);
 
 /// A measurement that has been evaluated and waits for its judgement.
 pub trait Candidate {
@@ -35,16 +38,37 @@ pub struct Verdict {
 }
 
 /// What each sensor has been up to, in the order of [`SENSORS`].
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Judges {
     shares: [ImprobableShare; SENSORS.len()],
     refusals: [Refusals; SENSORS.len()],
+    /// Newest reading.
+    t_heard: [Time; SENSORS.len()],
+    /// Newest fix or epoch of ranges most of which is improbable.
+    t_improbable: Time,
+    /// The same, the second of two close to each other.
+    t_dissent: Time,
+}
+
+impl Default for Judges {
+    fn default() -> Self {
+        Judges {
+            shares: Default::default(),
+            refusals: Default::default(),
+            t_heard: [Time::MIN; SENSORS.len()],
+            t_improbable: Time::MIN,
+            t_dissent: Time::MIN,
+        }
+    }
 }
 
 impl Judges {
-    /// The kernel in force of a sensor.
+    /// The kernel in force of a sensor: an adaptive one is narrow while the sensor is not what its sigma says. Unless fixes or
+    /// whole epochs of ranges disagree with the state as well: then the state is to blame, its inertial sensors are not what
+    /// *their* sigmas say, and who is believed less had better not be the one that could mend it.
     pub fn kernel(&self, sensor: Sensor, config: &SensorConfig) -> Kernel {
-        settle(config.kernel, &self.shares[sensor.index()])
+        let is_state_to_blame = self.t_heard[sensor.index()] <= self.t_dissent + DISSENT_FOR;
+        settle(config.kernel, self.shares[sensor.index()].is_suspicious() && !is_state_to_blame)
     }
 
     /// Whole epochs of ranges refused in a row, and since when.
@@ -71,18 +95,19 @@ impl Judges {
         if group.is_empty() {
             return;
         }
+        self.t_heard[sensor.index()] = t;
         let mut is_gated = config.gate;
         if shares_offset {
             is_gated &= take_out_median(group);
         }
         let admits = self.refusals[sensor.index()].admits_next();
         let share = &mut self.shares[sensor.index()];
-        let mut passed_any = false;
+        let (mut passed_any, mut improbable, all) = (false, 0, group.len());
         group.retain_mut(|candidate| {
             let components = candidate.components();
             let kernel = candidate.kernel();
             let innovation = candidate.innovation();
-            share.observe(innovation.nis, components);
+            improbable += usize::from(share.observe(innovation.nis, components));
             let passes = innovation.passes(sensor, components);
             passed_any |= passes;
             let refused = is_gated && !passes && !admits;
@@ -91,6 +116,13 @@ impl Judges {
             tell(candidate, Verdict { refused, weight });
             !refused
         });
+        // Of a single range nothing is known of its kind: it may be an echo.
+        if 2 * improbable > all && (sensor == Sensor::Gnss || sensor == Sensor::Lbl && all > 1) {
+            if t - self.t_improbable <= DISSENT_WITHIN {
+                self.t_dissent = self.t_dissent.max(t);
+            }
+            self.t_improbable = self.t_improbable.max(t);
+        }
         if is_gated || sensor == Sensor::Gnss {
             self.refusals[sensor.index()].observe(t, passed_any);
         }

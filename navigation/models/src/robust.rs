@@ -46,10 +46,11 @@ impl ImprobableShare {
     const MEMORY: f64 = 0.98;
     const SUSPICIOUS: f64 = 0.12;
 
-    /// Takes in a squared normalised innovation with `rows` degrees of freedom.
-    pub fn observe(&mut self, nis: f64, rows: usize) {
-        let exceeds = if nis > CHI2_95[rows - 1] { 1.0 } else { 0.0 };
-        self.share = Self::MEMORY * self.share + (1.0 - Self::MEMORY) * exceeds;
+    /// Takes in a squared normalised innovation with `rows` degrees of freedom; says whether it is improbable.
+    pub fn observe(&mut self, nis: f64, rows: usize) -> bool {
+        let exceeds = nis > CHI2_95[rows - 1];
+        self.share = Self::MEMORY * self.share + if exceeds { 1.0 - Self::MEMORY } else { 0.0 };
+        exceeds
     }
 
     /// Whether the sensor is not what its sigma says.
@@ -58,12 +59,12 @@ impl ImprobableShare {
     }
 }
 
-/// The kernel in force: an adaptive one made definite.
-pub fn settle(kernel: Kernel, share: &ImprobableShare) -> Kernel {
-    /// Width while the sensor is suspicious.
+/// The kernel in force: an adaptive one made definite, narrow while its sensor is to blame.
+pub fn settle(kernel: Kernel, is_to_blame: bool) -> Kernel {
+    /// Width while it is.
     const NARROW: f64 = 1.0;
     match kernel {
-        Kernel::AdaptiveCauchy(_) if share.is_suspicious() => Kernel::Cauchy(NARROW),
+        Kernel::AdaptiveCauchy(_) if is_to_blame => Kernel::Cauchy(NARROW),
         Kernel::AdaptiveCauchy(width) => Kernel::Cauchy(width),
         definite => definite,
     }
@@ -182,14 +183,14 @@ mod tests {
     fn a_sensor_with_a_tenth_of_outliers_more_than_expected_narrows_its_kernel() {
         let mut share = ImprobableShare::default();
         let kernel = Kernel::AdaptiveCauchy(2.385);
-        assert_eq!(settle(kernel, &share), Kernel::Cauchy(2.385));
+        assert_eq!(settle(kernel, share.is_suspicious()), Kernel::Cauchy(2.385));
         for index in 0..200 {
             share.observe(if index % 4 == 0 { 100.0 } else { 1.0 }, 3);
         }
-        assert_eq!(settle(kernel, &share), Kernel::Cauchy(1.0));
+        assert_eq!(settle(kernel, share.is_suspicious()), Kernel::Cauchy(1.0));
         for _ in 0..200 {
             share.observe(1.0, 3);
         }
-        assert_eq!(settle(kernel, &share), Kernel::Cauchy(2.385));
+        assert_eq!(settle(kernel, share.is_suspicious()), Kernel::Cauchy(2.385));
     }
 }
