@@ -128,11 +128,13 @@ impl Config {
         let by_set =
             |error: toml::de::Error| ConfigError::Set { text: sets.join(" "), message: error.message().to_owned() };
         let vehicle: vehicle::Sections = vehicle_table.try_into().map_err(by_set)?;
+        let is_anchor_given = Schema::holds(&navigator_table, Some("keyframes"), "anchor");
         let mut navigator: navigator::Sections = navigator_table.try_into().map_err(by_set)?;
-        navigator.settle();
         let blame = |problem: Problem| blame(problem, files, sets);
+        let checked = Vehicle::try_from(&vehicle).map_err(blame)?;
+        navigator.settle(&checked, is_anchor_given);
         Ok(Config {
-            vehicle: Vehicle::try_from(&vehicle).map_err(blame)?,
+            vehicle: checked,
             navigator: Navigator::try_from(&navigator).map_err(blame)?,
             table: effective(&vehicle, &navigator),
         })
@@ -424,6 +426,20 @@ mod tests {
         assert_eq!(load(&config.to_toml(), &[]).expect("valid"), config);
         let default = Config::default();
         assert_eq!(load(&default.to_toml(), &[]).expect("valid").navigator, default.navigator);
+    }
+
+    #[test]
+    fn an_imu_that_would_drown_a_doppler_velocity_on_the_way_makes_one_factor_of_both() {
+        let noisy = "[imu]\naccel_noise_density = 0.3\n[dvl]\nsigma = 0.03\n";
+        let config = load(noisy, &[]).expect("valid");
+        assert_eq!(config.navigator.keyframes.anchor, AnchorMethod::Joint);
+        assert!(config.to_toml().contains("anchor = \"joint\""));
+        assert_eq!(load(&config.to_toml(), &[]).expect("its own words"), config);
+        let anchor = |sets: &[&str]| load(noisy, sets).expect("valid").navigator.keyframes.anchor;
+        assert_eq!(anchor(&["keyframes.anchor=fbpf"]), AnchorMethod::Fbpf, "as it was told");
+        assert_eq!(anchor(&["imu.accel_noise_density=0.03"]), AnchorMethod::Fbpf);
+        assert_eq!(anchor(&["dvl.enabled=false"]), AnchorMethod::Fbpf);
+        assert_eq!(anchor(&["estimator=ekf"]), AnchorMethod::AtOnce);
     }
 
     #[test]

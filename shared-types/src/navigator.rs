@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::{Problem, non_negative, positive};
 use crate::sensor::Sensor;
 use crate::time::Duration;
+use crate::vehicle::Vehicle;
 
 /// Checked choices, SI units.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +83,8 @@ pub enum AnchorMethod {
     /// Forward or backward preintegration from the nearer keyframe.
     Fbpf,
     /// Forward preintegration from the keyframe before it, as one factor with the samples of that interval: what both owe
-    /// to the same IMU noise is counted once (§3.8 of the method). Time offsets are not estimated then.
+    /// to the same IMU noise is counted once (§3.8 of the method). Time offsets are not estimated then. Chosen by itself where
+    /// the IMU is so noisy that a Doppler velocity would be lost on the way to a keyframe.
     Joint,
     /// To none: passed on at once. What filters ask for, and they alone.
     AtOnce,
@@ -489,10 +491,17 @@ fn kalman(section: &KalmanSection) -> Result<KalmanConfig, Problem> {
 }
 
 impl Sections {
-    /// Fills in what follows from another choice: a filter ties no reading to a keyframe.
-    pub(crate) fn settle(&mut self) {
-        if self.estimator.is_filter() && self.keyframes.anchor == AnchorMethod::Fbpf {
-            self.keyframes.anchor = AnchorMethod::AtOnce;
+    /// Fills in how readings are tied where that was left open. A filter ties none to a keyframe. Nor should a smoother one by
+    /// one where the samples in between would drown it: over a quarter of the keyframes' distance, the mean way to the
+    /// nearer one, an IMU may be noisier than the Doppler log.
+    pub(crate) fn settle(&mut self, vehicle: &Vehicle, is_anchor_given: bool) {
+        let on_the_way = vehicle.imu.accel_noise_density * (0.25 * self.keyframes.max_age).sqrt();
+        if self.estimator.is_filter() {
+            if self.keyframes.anchor == AnchorMethod::Fbpf {
+                self.keyframes.anchor = AnchorMethod::AtOnce;
+            }
+        } else if !is_anchor_given && self.dvl.enabled && on_the_way > vehicle.dvl.sigma {
+            self.keyframes.anchor = AnchorMethod::Joint;
         }
     }
 }

@@ -403,10 +403,12 @@ fn random_increments_have_positive_definite_covariances() {
 #[test]
 fn the_same_bits_with_and_without_wide_instructions() {
     let mut rng = random(5);
-    let (noise, mut narrow) = (noise(), Preintegration::new(random_vector(&mut rng, 0.1), random_vector(&mut rng, 0.01)));
+    let (noise, mut narrow) =
+        (noise(), Preintegration::new(random_vector(&mut rng, 0.1), random_vector(&mut rng, 0.01)));
     let mut wider = narrow;
     for _ in 0..50 {
-        let mut point = || ImuPoint { accel_body: random_vector(&mut rng, 10.0), gyro_body: random_vector(&mut rng, 1.0) };
+        let mut point =
+            || ImuPoint { accel_body: random_vector(&mut rng, 10.0), gyro_body: random_vector(&mut rng, 1.0) };
         let (first, second) = (point(), point());
         narrow.step_wide(&noise, 0.005, &first, &second, 1.0);
         wider.step(&noise, 0.005, &first, &second, 1.0);
