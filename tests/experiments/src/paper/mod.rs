@@ -15,6 +15,7 @@ mod section;
 mod smoother_gain;
 mod spread;
 mod window_size;
+mod withheld;
 
 use std::fs;
 

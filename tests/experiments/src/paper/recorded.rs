@@ -8,12 +8,13 @@ use ilns_replay::{ConvertArgs, ReplayError, convert};
 use nav_evaluation::{EstimatePoint, Score, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
-use shared_types::{BuoyFix, Config, Duration, Mode, NavEstimate, Truth};
+use shared_types::{BuoyFix, Config, Duration, Mode, NavEstimate, RawReading, Truth};
 
 use super::bench::{Args, Bench, BenchError};
 use super::printed::TABLE_4;
 use super::section::{Section, Table, Verdict};
 use super::spread::number;
+use super::withheld;
 use crate::parallel::in_parallel_on;
 
 /// Every reading counts as much as its sigma says.
@@ -84,6 +85,7 @@ pub fn run(args: &Args) -> Result<Section, BenchError> {
     let paper = ["paper: urban38".to_owned(), "2154 s, 11191 m".to_owned()];
     table.rows.push(paper.into_iter().chain(printed).collect());
     section.tables.push(table);
+    section.tables.push(withheld::table(&bench, &logs)?);
     claims(&mut section, &logs, &scores, args.kaist.is_some());
     bench.finish(section)
 }
@@ -178,40 +180,68 @@ fn convert_kaist(dir: &Path, log: &Path) -> Result<(), ReplayError> {
 /// One log with one method.
 fn score(dir: &Path, method: &str, sets: &[&str]) -> Result<Score, ReplayError> {
     let log = LogDirectory::open(dir)?;
-    let sets: Vec<String> = sets.iter().chain([&NO_GNSS]).map(|set| (*set).to_owned()).collect();
+    let mut truth = log.truth()?.collect::<Result<Vec<Truth>, LogError>>()?.into_iter().peekable();
+    let mut scorer = None;
+    let sets: Vec<&str> = sets.iter().copied().chain([NO_GNSS]).collect();
+    navigate(
+        dir,
+        method == BATCH,
+        &sets,
+        |_| true,
+        |origin, estimate| {
+            let scorer = scorer.get_or_insert_with(|| Scorer::new(origin, Window::default()));
+            if estimate.mode() != Mode::Initialising {
+                while let Some(row) = truth.next_if(|row| row.header.t_valid <= estimate.header.t_valid) {
+                    scorer.truth(&row);
+                }
+                scorer.estimate(&EstimatePoint::from(estimate));
+            }
+        },
+    )?;
+    let no_time = || ReplayError::NoCommonTime { estimate: dir.to_owned(), truth: dir.join("truth.csv") };
+    scorer.and_then(|scorer| scorer.score()).ok_or_else(no_time)
+}
+
+/// Every estimate of a log with `sets` on top of its own configuration, by the batch if `is_batch`. Readings that are not to
+/// be kept the navigator does not hear.
+pub(super) fn navigate(
+    dir: &Path,
+    is_batch: bool,
+    sets: &[&str],
+    mut keep: impl FnMut(&RawReading) -> bool,
+    mut take: impl FnMut(Geodetic, &NavEstimate),
+) -> Result<(), ReplayError> {
+    let log = LogDirectory::open(dir)?;
+    let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
     let config = Config::load(log.config().map(std::slice::from_ref).unwrap_or_default(), &sets);
     let config = config.map_err(ilns_runtime::RuntimeError::from)?;
     let fixes = log.buoys()?.collect::<Result<Vec<BuoyFix>, LogError>>()?;
-    let mut truth = log.truth()?.collect::<Result<Vec<Truth>, LogError>>()?.into_iter().peekable();
-    let mut scorer = None;
-    let mut take = |scorer: &mut Option<Scorer>, estimate: &NavEstimate| {
-        if let Some(scorer) = scorer.as_mut().filter(|_| estimate.mode() != Mode::Initialising) {
-            while let Some(row) = truth.next_if(|row| row.header.t_valid <= estimate.header.t_valid) {
-                scorer.truth(&row);
-            }
-            scorer.estimate(&EstimatePoint::from(estimate));
-        }
-    };
-    let begin = |[lat, lon, height]: [f64; 3]| Scorer::new(Geodetic::from_degrees(lat, lon, height), Window::default());
-    let is_batch = method == BATCH;
     let mut navigator =
         if is_batch { Navigator::keeping_all(&config) } else { Navigator::new(&config, Rebase::After(Duration::ZERO)) }
             .with_known_buoys(fixes);
+    let mut frame = None;
     let mut sink = |output: Output<'_>| match output {
-        Output::Origin(origin) => scorer = Some(begin([origin.lat_deg, origin.lon_deg, origin.height])),
-        Output::Estimate(estimate) if !is_batch => take(&mut scorer, estimate),
+        Output::Origin(origin) => frame = Some(Geodetic::from_degrees(origin.lat_deg, origin.lon_deg, origin.height)),
+        Output::Estimate(estimate) if !is_batch => {
+            if let Some(origin) = frame {
+                take(origin, estimate);
+            }
+        }
         Output::Estimate(_) | Output::Solution(..) => {}
     };
     for reading in log.merged()? {
-        navigator.push(&reading?, &mut Unmeasured, &mut sink);
+        let reading = reading?;
+        if keep(&reading) {
+            navigator.push(&reading, &mut Unmeasured, &mut sink);
+        }
     }
     navigator.finish(&mut Unmeasured, &mut sink);
     if is_batch {
         const PASSES_MAX: u32 = 50;
         let nothing = || ReplayError::NothingToSmooth { log: dir.to_owned() };
         let smoothed = navigator.smooth(PASSES_MAX).ok_or_else(nothing)?;
-        navigator.along(&smoothed, |estimate| take(&mut scorer, estimate));
+        let origin = frame.ok_or_else(nothing)?;
+        navigator.along(&smoothed, |estimate| take(origin, estimate));
     }
-    let no_time = || ReplayError::NoCommonTime { estimate: dir.to_owned(), truth: dir.join("truth.csv") };
-    scorer.and_then(|scorer| scorer.score()).ok_or_else(no_time)
+    Ok(())
 }
