@@ -57,6 +57,10 @@ fn assert_reproduced(prefix: &str, estimator: &str) {
         "45",
         "--estimator",
         estimator,
+        "--set",
+        "fgo.fixed_lag=true",
+        "--set",
+        "fgo.window=10",
         "--out",
         text(&live),
     ];
@@ -93,6 +97,23 @@ fn assert_reproduced(prefix: &str, estimator: &str) {
     }
     assert!(compared + 200 >= times.len(), "{compared} of {} estimates compared", times.len());
     assert!(differing.is_empty(), "{} of {compared} differ, the first:\n{:#?}", differing.len(), differing.first());
+    if estimator == "fgo" {
+        assert_lagged_is_reproduced(
+            &read(&live.join("estimate_lagged.csv")),
+            &read(&again.join("estimate_lagged.csv")),
+        );
+    }
+}
+
+/// The estimates of a window ago: what was recorded stands in the replay, in one piece.
+fn assert_lagged_is_reproduced(recorded: &str, repeated: &str) {
+    let rows = |text: &str| -> Vec<String> { text.lines().skip(1).map(str::to_owned).collect() };
+    let (recorded, repeated) = (rows(recorded), rows(repeated));
+    assert!(recorded.len() > 3, "{} rows", recorded.len());
+    let first = repeated.iter().position(|row| *row == recorded[0]).expect("the first that was recorded");
+    let common = recorded.len().min(repeated.len() - first);
+    assert_eq!(recorded[..common], repeated[first..first + common]);
+    assert!(common + 1 >= recorded.len(), "{common} of {}", recorded.len());
 }
 
 /// Kills a process by -9 and waits until another one runs in its place.

@@ -81,6 +81,25 @@ fn smoothing_leaves_the_same_files_and_smaller_errors() {
 }
 
 #[test]
+fn with_a_fixed_lag_each_keyframe_is_shown_once_more_and_better() {
+    let logs = Logs::new();
+    logs.simulate("realistic", "log");
+    let sets = ["--set", "fgo.window=10", "--set", "fgo.fixed_lag=true", "--no-dvl", "--no-mcp", "--no-gnss"];
+    logs.replay("log", "out", &sets);
+    let truth = logs.path("log").join("truth.csv");
+    let rms = |file: &str| {
+        let estimate = logs.path("out").join(file);
+        let score = succeed(&["score", text(&estimate), "--truth", text(&truth), "--json"]);
+        let score: Value = serde_json::from_str(&score).expect("it is JSON");
+        score["rms_horizontal"].as_f64().expect("there is a truth")
+    };
+    let (newest, lagged) = (rms("estimate.csv"), rms("estimate_lagged.csv"));
+    assert!(lagged < 0.95 * newest, "{lagged} {newest}");
+    logs.replay("log", "out", &[]);
+    assert!(!logs.path("out").join("estimate_lagged.csv").exists(), "of the run before");
+}
+
+#[test]
 fn two_replays_of_one_log_are_the_same_bytes() {
     let logs = Logs::new();
     logs.simulate("realistic", "log");

@@ -144,6 +144,8 @@ channel_table! {
     /// Where the vehicle is.
     ESTIMATE: NavEstimate = "nav/estimate", queue 2048, history 1, DropOldest, publishers 1,
         readers ["vehicle", "monitor", "recorder"];
+    /// Where the vehicle was a window ago, given all that has come since: with `fgo.fixed_lag`, one per keyframe.
+    LAGGED: NavEstimate = "nav/lagged", queue 64, history 0, DropOldest, publishers 1, readers ["recorder"];
     /// Heartbeats of all processes.
     HEALTH: Heartbeat = "health", queue 64, history 0, DropOldest, publishers 20, readers ["monitor", "ilns"];
 }

@@ -148,6 +148,8 @@ pub struct FgoConfig {
     pub max_iterations: usize,
     /// First-estimates Jacobians of the state that carries the prior.
     pub fej: bool,
+    /// Whether each keyframe is shown once more as it leaves the window.
+    pub fixed_lag: bool,
 }
 
 /// The Kalman filters.
@@ -305,6 +307,8 @@ section!(FgoSection {
     max_iterations: usize = 4;
     /// Consistent through outages (§4.3).
     fej: bool = true;
+    /// `estimate_lagged.csv` and the channel `nav/lagged`: each keyframe once more, a window later.
+    fixed_lag: bool = false;
 });
 section!(KalmanSection {
     /// One is the usual filter; more linearisations are for comparison, and for starts far off.
@@ -555,7 +559,12 @@ impl TryFrom<&Sections> for Navigator {
         }
         Ok(Navigator {
             estimator: file.estimator,
-            fgo: FgoConfig { window: file.fgo.window, max_iterations: file.fgo.max_iterations, fej: file.fgo.fej },
+            fgo: FgoConfig {
+                window: file.fgo.window,
+                max_iterations: file.fgo.max_iterations,
+                fej: file.fgo.fej,
+                fixed_lag: file.fgo.fixed_lag,
+            },
             kalman: kalman(&file.kalman)?,
             keyframes,
             imu: ImuGateConfig {

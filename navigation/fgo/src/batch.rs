@@ -8,6 +8,7 @@
 //! C_n = (L_n L_nᵀ)⁻¹,   C_k = L_k⁻ᵀ (I + Y_k C_{k+1} Y_kᵀ) L_k⁻¹
 //! ```
 
+use nav_models::state::NavState;
 use nav_models::wide;
 
 use crate::interval::{ImuHistory, ImuModel};
@@ -92,6 +93,22 @@ impl Window {
             *covariance = next;
         }
         Some(covariances)
+    }
+
+    /// State and covariance of the oldest keyframe given all measurements; `None` where the last solve found no solution. No step
+    /// is left undone here, however small: what a solve need not carry to older states is nothing to the newest, not to these.
+    pub fn oldest_given_all(&self) -> Option<(NavState, Block<DIM>)> {
+        if !self.is_swept() {
+            return None;
+        }
+        let mut covariance = self.newest_covariance()?;
+        let mut delta = wide(|| self.nodes().back().map(|newest| newest.link.substitute(None)))?;
+        for node in self.nodes().iter().rev().skip(1) {
+            covariance = wide(|| node.link.covariance_before(&covariance));
+            delta = wide(|| node.link.substitute(Some(&delta)));
+        }
+        let state = self.nodes().front()?.linearised.retract(&delta);
+        (state.is_finite() && covariance.iter().all(|x| x.is_finite())).then_some((state, covariance))
     }
 
     /// Sweeps and substitutes over all links; the largest step by position, velocity and attitude. `None` if the matrix

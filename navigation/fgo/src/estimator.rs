@@ -19,8 +19,8 @@ use nav_models::state::NavState;
 use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
-    AIDING, AnchorMethod, Config, Duration, Header, KeyframeReport, Measurement, NavEstimate, Reading, RejectReason,
-    Sensor, SensorCounts, Solution, SolutionStatus, Time,
+    AIDING, AnchorMethod, Config, Duration, FgoConfig, Header, KeyframeReport, Measurement, NavEstimate, Reading,
+    RejectReason, Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
@@ -28,7 +28,7 @@ use crate::kernels::Block;
 use crate::realignment::{LOST, Realignment, is_plausible};
 use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes};
 use crate::rows::DIM;
-use crate::smoother::Smoothed;
+use crate::smoother::{self, Smoothed};
 use crate::ties::{Closing, Pending, Ties, place};
 use crate::time_offsets::Move;
 use crate::window::{SolveReport, Window};
@@ -147,6 +147,14 @@ impl FgoEstimator {
     /// keyframe, or where the information does not determine the states.
     pub fn smooth(&mut self, max_passes: u32) -> Option<Smoothed> {
         Smoothed::of(self.window.as_mut()?, &self.history, &self.imu, max_passes)
+    }
+
+    /// With `fgo.fixed_lag` the keyframe that leaves the window with the next: where the vehicle was a window ago, given all that
+    /// has come since. `None` while the window fills, and where the last solve found no solution.
+    pub fn lagged(&self) -> Option<NavEstimate> {
+        let FgoConfig { fixed_lag, window: intervals, .. } = self.config.navigator.fgo;
+        let window = self.window.as_ref().filter(|window| fixed_lag && window.nodes().len() > intervals)?;
+        smoother::oldest(window, &self.config, self.solutions)
     }
 
     /// Shows a smoothed trajectory at every IMU sample from its first keyframe on.

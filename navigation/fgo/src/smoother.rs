@@ -76,7 +76,8 @@ impl Smoothed {
         imu: &ImuModel,
         mut show: impl FnMut(&NavEstimate),
     ) {
-        let mut teller = Teller { world, config, used: &self.used, passed: [0; AIDING.len()], sequence: 0 };
+        let mut teller = Teller { world, config, sequence: 0 };
+        let mut ages = Ages { used: &self.used, passed: [0; AIDING.len()] };
         for (index, keyframe) in self.keyframes.iter().enumerate() {
             let Some(point) = history.at(keyframe.t) else { continue };
             let next = self.keyframes.get(index + 1);
@@ -85,14 +86,32 @@ impl Smoothed {
             let t_end = next.map_or(Time::MAX, |next| next.t);
             // A sample at a keyframe belongs to it; `between` leaves both ends out.
             if history.is_sample(keyframe.t) {
-                show(&teller.tell(index as u64 + 1, keyframe.t, keyframe.t, &stretch.at(keyframe.t, world)));
+                let place = stretch.at(keyframe.t, world);
+                show(&teller.tell(index as u64 + 1, keyframe.t, keyframe.t, &place, ages.at(keyframe.t)));
             }
             for sample in history.between(keyframe.t, t_end) {
                 stretch.advance(sample, imu);
-                show(&teller.tell(index as u64 + 1, keyframe.t, sample.t, &stretch.at(sample.t, world)));
+                let place = stretch.at(sample.t, world);
+                show(&teller.tell(index as u64 + 1, keyframe.t, sample.t, &place, ages.at(sample.t)));
             }
         }
     }
+}
+
+/// The oldest keyframe of `window` given everything in it: what was known of it a window ago, and what came since. `None` where
+/// the last solve found no solution.
+pub(crate) fn oldest(window: &Window, config: &Config, solution: u64) -> Option<NavEstimate> {
+    let (state, covariance) = window.oldest_given_all()?;
+    let t = window.nodes().front()?.t;
+    let mut ages = [f64::INFINITY; AIDING.len()];
+    for factor in window.nodes().iter().flat_map(|node| node.factors.iter().chain(node.between.factors())) {
+        let age = &mut ages[factor.place()];
+        *age = age.min((factor.t - t).as_seconds().abs());
+    }
+    let block = |at: usize| covariance.fixed_view::<3, 3>(at, at).into_owned();
+    let place = Place { state, position: block(POSITION), velocity: block(VELOCITY), attitude: block(ATTITUDE) };
+    let newest = window.nodes().back()?.t;
+    Some(Teller { world: window.world(), config, sequence: solution }.tell(solution, newest, t, &place, ages))
 }
 
 /// Where the vehicle is, and how sure that is.
@@ -173,16 +192,26 @@ impl<'a> Stretch<'a> {
 struct Teller<'a> {
     world: &'a WorldModel,
     config: &'a Config,
-    used: &'a [Vec<Time>; AIDING.len()],
-    /// Measurements not later than the last place, by sensor.
-    passed: [usize; AIDING.len()],
     sequence: u64,
 }
 
+/// How near the measurements are, by [`AIDING`] sensor.
+struct Ages<'a> {
+    used: &'a [Vec<Time>; AIDING.len()],
+    /// Measurements not later than the last place.
+    passed: [usize; AIDING.len()],
+}
+
 impl Teller<'_> {
-    fn tell(&mut self, solution: u64, t_keyframe: Time, t: Time, place: &Place) -> NavEstimate {
+    fn tell(
+        &mut self,
+        solution: u64,
+        t_keyframe: Time,
+        t: Time,
+        place: &Place,
+        aiding_age: [f64; AIDING.len()],
+    ) -> NavEstimate {
         self.sequence += 1;
-        let aiding_age = self.aiding_age(t);
         let up_body = place.state.r_enu_body().row(2).transpose();
         let about_up = up_body.dot(&(place.attitude * up_body));
         NavEstimate {
@@ -203,19 +232,6 @@ impl Teller<'_> {
             mode: self.mode(&place.position, &aiding_age) as u32,
             reserved: 0,
         }
-    }
-
-    /// To the nearest measurement used, before or after, s: a smoother is aided from both sides.
-    fn aiding_age(&mut self, t: Time) -> [f64; AIDING.len()] {
-        core::array::from_fn(|sensor| {
-            let (times, passed) = (&self.used[sensor], &mut self.passed[sensor]);
-            while times.get(*passed).is_some_and(|&used| used <= t) {
-                *passed += 1;
-            }
-            let before = passed.checked_sub(1).map(|last| (t - times[last]).as_seconds());
-            let after = times.get(*passed).map(|&next| (next - t).as_seconds());
-            before.unwrap_or(f64::INFINITY).min(after.unwrap_or(f64::INFINITY))
-        })
     }
 
     /// As the propagator judges, by the nearest measurement in place of the last.
@@ -239,6 +255,21 @@ impl Teller<'_> {
     }
 }
 
+impl Ages<'_> {
+    /// To the nearest measurement used, before or after, s: a smoother is aided from both sides.
+    fn at(&mut self, t: Time) -> [f64; AIDING.len()] {
+        core::array::from_fn(|sensor| {
+            let (times, passed) = (&self.used[sensor], &mut self.passed[sensor]);
+            while times.get(*passed).is_some_and(|&used| used <= t) {
+                *passed += 1;
+            }
+            let before = passed.checked_sub(1).map(|last| (t - times[last]).as_seconds());
+            let after = times.get(*passed).map(|&next| (next - t).as_seconds());
+            before.unwrap_or(f64::INFINITY).min(after.unwrap_or(f64::INFINITY))
+        })
+    }
+}
+
 /// ee, en, eu, nn, nu, uu.
 fn upper_triangle(m: &Matrix3<f64>) -> [f64; 6] {
     [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]]
@@ -250,13 +281,11 @@ mod tests {
 
     #[test]
     fn the_age_is_that_of_the_nearest_measurement_on_either_side() {
-        let config = Config::default();
-        let world = WorldModel::new(nav_geometry::Geodetic::from_degrees(36.0, 127.0, 0.0), &config);
         let mut used: [Vec<Time>; AIDING.len()] = Default::default();
         used[0] = vec![Time::from_seconds(10.0), Time::from_seconds(20.0)];
-        let mut teller = Teller { world: &world, config: &config, used: &used, passed: [0; AIDING.len()], sequence: 0 };
+        let mut ages = Ages { used: &used, passed: [0; AIDING.len()] };
         for (t, expected) in [(4.0, 6.0), (10.0, 0.0), (13.0, 3.0), (18.0, 2.0), (25.0, 5.0)] {
-            let ages = teller.aiding_age(Time::from_seconds(t));
+            let ages = ages.at(Time::from_seconds(t));
             assert!((ages[0] - expected).abs() < 1e-9, "{t}: {ages:?}");
             assert!(ages[1].is_infinite());
         }

@@ -145,6 +145,11 @@ impl Window {
         self.is_joint = true;
     }
 
+    /// Whether every link is factorised as it stands.
+    pub fn is_swept(&self) -> bool {
+        self.dirty >= self.nodes.len()
+    }
+
     /// Index of the keyframe at exactly `t`.
     pub fn index_at(&self, t: Time) -> Option<usize> {
         let index = self.nodes.partition_point(|node| node.t < t);

@@ -59,6 +59,14 @@ impl ChosenEstimator {
         }
     }
 
+    /// Where the vehicle was a window ago; see [`FgoEstimator::lagged`]. `None` of a filter.
+    pub fn lagged(&self) -> Option<NavEstimate> {
+        match self {
+            ChosenEstimator::Fgo(fgo) => fgo.lagged(),
+            ChosenEstimator::Ekf(_) | ChosenEstimator::Fkf(_) => None,
+        }
+    }
+
     /// Shows a smoothed trajectory at every IMU sample.
     pub fn along(&self, smoothed: &Smoothed, show: impl FnMut(&NavEstimate)) {
         if let ChosenEstimator::Fgo(fgo) = self {

@@ -24,6 +24,8 @@ pub enum Output<'a> {
     Estimate(&'a NavEstimate),
     /// One per solved keyframe, with what the keyframe held.
     Solution(&'a Solution, &'a KeyframeReport),
+    /// With `fgo.fixed_lag`, after a solution: where the vehicle was a window ago, given all that has come since.
+    Lagged(&'a NavEstimate),
 }
 
 /// The caller's clock around each keyframe's work; the navigator itself knows none.
@@ -192,6 +194,9 @@ impl Back {
                 solution.solve_ns = clock.thread_ns() - began;
                 sink(Output::Solution(&solution, self.estimator.report()));
                 self.arrivals.push(self.t_imu, solution);
+                if let Some(lagged) = self.estimator.lagged() {
+                    sink(Output::Lagged(&lagged));
+                }
             }
             Ok(None) => {}
             Err(_) => self.keyframe_errors += 1,

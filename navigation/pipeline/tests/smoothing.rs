@@ -102,3 +102,28 @@ fn a_wrong_start_is_forgotten() {
     assert!(batch.smoothed.report.cost[1] <= batch.smoothed.report.cost[0], "{:?}", batch.smoothed.report);
     assert!(batch.score.rms_horizontal < 0.1, "{:?}", batch.score);
 }
+
+#[test]
+fn what_leaves_the_window_knows_what_came_since() {
+    let sets = ["dvl.enabled=false", "mcp.enabled=false", "gnss.enabled=false", "fgo.window=30", "fgo.fixed_lag=true"];
+    let run = Run { preset: Preset::Realistic, sets: &sets, until: 200.0, ..MISSION };
+    let (ran, batch) = (run.go(), smooth(&run, Some));
+    assert_eq!(ran.lagged.len() + 30, ran.solutions.len(), "each keyframe once, but those still in the window");
+    let (mut causal_off, mut lagged_off) = (0.0, 0.0);
+    for lagged in &ran.lagged {
+        assert_finite(lagged);
+        let t = Time(lagged.header.t_valid);
+        let solution = ran.solutions.iter().find(|solution| Time(solution.t_keyframe) == t).expect("its keyframe");
+        let whole = batch.smoothed.keyframes.iter().find(|keyframe| keyframe.t == t).expect("its keyframe");
+        for axis in 0..2 {
+            let sigma = lagged.position_cov[[0, 3][axis]].sqrt();
+            let of_batch = whole.covariance[(axis, axis)].sqrt();
+            assert!(sigma > 0.98 * of_batch, "no more than is known of the whole log at {t}: {sigma} {of_batch}");
+            let known = whole.state.position_enu[axis];
+            causal_off += (solution.position_enu[axis] - known).powi(2);
+            lagged_off += (lagged.position_enu[axis] - known).powi(2);
+        }
+    }
+    // Half a minute later nearly all is known that will ever be.
+    assert!(lagged_off < 0.04 * causal_off, "{lagged_off} {causal_off}");
+}

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use ilns_bus::{Bus, Prefix, Publisher};
-use ilns_recording::{LogWriter, LogWriterOptions, Summary};
+use ilns_recording::{EstimateWriter, LogWriter, LogWriterOptions, Summary};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use shared_types::{Heartbeat, Process, ProcessState, channel};
 use tracing::{info, warn};
@@ -71,6 +71,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), RecorderError> 
         log: LogWriter::create(args.folder(), LogWriterOptions { arrival_columns: true, replace: args.replace })?,
         mcap: McapLog::create(&args.folder(), args.mcap, args.replace, config.to_toml())?,
         estimates: EstimateLog::create(&args.folder())?,
+        lagged: None,
         tally: Tally::new(&config),
         origin: None,
         live_score: LiveScore::default(),
@@ -100,6 +101,8 @@ struct Record {
     log: LogWriter,
     mcap: McapLog,
     estimates: EstimateLog,
+    /// Begun with the first of them.
+    lagged: Option<EstimateWriter>,
     tally: Tally,
     /// Of the ENU frame: latitude, longitude in degrees, height in m.
     origin: Option<[f64; 3]>,
@@ -110,7 +113,7 @@ struct Record {
 
 impl Record {
     fn write_down(&mut self) -> Result<(), RecorderError> {
-        let Record { inputs, log, mcap, estimates, tally, origin, live_score, heartbeat, mono_start } = self;
+        let Record { inputs, log, mcap, estimates, lagged, tally, origin, live_score, heartbeat, mono_start } = self;
         // The frame first: estimates and truth are compared in it.
         while let Some(found) = inputs.frame_origin.receive() {
             origin.get_or_insert([found.lat_deg, found.lon_deg, found.height]);
@@ -142,6 +145,14 @@ impl Record {
             mcap.estimate(&estimate);
             estimates.take(&estimate, &mut |written| live_score.estimate(written))?;
         }
+        while let Some(estimate) = inputs.lagged.receive() {
+            if lagged.is_none() {
+                *lagged = Some(EstimateWriter::create_lagged(log.path())?);
+            }
+            if let Some(writer) = lagged {
+                writer.write(&estimate)?;
+            }
+        }
         while let Some(beat) = inputs.health.receive() {
             tally.heartbeat(&beat);
             mcap.take(|| Entry::Health(Box::new(beat)));
@@ -156,6 +167,9 @@ impl Record {
         let mono = monotonic_now();
         self.log.flush()?;
         self.estimates.flush()?;
+        if let Some(lagged) = &mut self.lagged {
+            lagged.flush()?;
+        }
         self.heartbeat.work.record(monotonic_now() - mono);
         Ok(())
     }
@@ -179,6 +193,9 @@ impl Record {
         let folder = self.log.path().to_owned();
         self.log.finish()?;
         let written = self.estimates.finish()?;
+        if let Some(lagged) = self.lagged.take() {
+            lagged.finish()?;
+        }
         let wall_s = (monotonic_now() - self.mono_start) as f64 * 1e-9;
         let summary = Summary {
             origin: self.origin.unwrap_or_default(),

@@ -24,6 +24,9 @@ use crate::text_file::TextFile;
 /// What a run leaves of its estimates.
 pub const ESTIMATE_FILES: [&str; 2] = ["estimate.csv", "estimate.tum"];
 
+/// The same a window later, where that was asked for (`fgo.fixed_lag`).
+pub const LAGGED_FILES: [&str; 2] = ["estimate_lagged.csv", "estimate_lagged.tum"];
+
 /// Columns of the format.
 pub(crate) const COLUMNS: &[&str] = &[
     "t", "e", "n", "u", "qw", "qx", "qy", "qz", "ve", "vn", "vu", "bax", "bay", "baz", "bgx", "bgy", "bgz", "se", "sn",
@@ -49,12 +52,24 @@ impl EstimateWriter {
     pub fn create(out: impl AsRef<Path>) -> Result<EstimateWriter, LogError> {
         let out = out.as_ref();
         fs::create_dir_all(out).map_err(LogError::io(out, "create the directory"))?;
-        let [csv, tum] = ESTIMATE_FILES.map(|name| out.join(name));
-        for file in [&csv, &tum] {
-            if file.exists() {
-                fs::remove_file(file).map_err(LogError::io(file, "delete"))?;
-            }
+        for file in LAGGED_FILES {
+            remove(&out.join(file))?;
         }
+        EstimateWriter::begin(out, ESTIMATE_FILES)
+    }
+
+    /// The same for the estimates of a window ago, beside those of an [`EstimateWriter::create`] before it.
+    ///
+    /// # Errors
+    /// [`LogError::Io`].
+    pub fn create_lagged(out: impl AsRef<Path>) -> Result<EstimateWriter, LogError> {
+        EstimateWriter::begin(out.as_ref(), LAGGED_FILES)
+    }
+
+    fn begin(out: &Path, files: [&str; 2]) -> Result<EstimateWriter, LogError> {
+        let [csv, tum] = files.map(|name| out.join(name));
+        remove(&csv)?;
+        remove(&tum)?;
         let mut csv = TextFile::create_partial(&csv)?;
         csv.text().extend_from_slice([COLUMNS, ADDED].concat().join(",").as_bytes());
         csv.text().push(b'\n');
@@ -121,6 +136,13 @@ impl EstimateWriter {
         self.csv.finish()?;
         self.tum.finish()
     }
+}
+
+fn remove(file: &Path) -> Result<(), LogError> {
+    if file.exists() {
+        fs::remove_file(file).map_err(LogError::io(file, "delete"))?;
+    }
+    Ok(())
 }
 
 fn push_row(text: &mut Vec<u8>, separator: u8, values: &[f64], push: impl Fn(&mut Vec<u8>, f64)) {

@@ -38,7 +38,7 @@ pub use checkpoint::{CheckpointError, CheckpointTerms, configuration_hash, read_
 pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};
-pub use estimate_writer::{ESTIMATE_FILES, EstimateWriter};
+pub use estimate_writer::{ESTIMATE_FILES, EstimateWriter, LAGGED_FILES};
 pub use foreign::ForeignRows;
 pub use kaist::{
     KaistEncoder, KaistMounting, kaist_altimeter, kaist_encoder, kaist_encoder_parameters, kaist_global_pose,

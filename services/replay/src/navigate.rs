@@ -75,6 +75,7 @@ fn show(watcher: &mut impl Watcher, output: Output<'_>) {
     match output {
         Output::Origin(origin) => watcher.origin(origin),
         Output::Estimate(estimate) => watcher.estimate(estimate),
+        Output::Lagged(_) => {}
         Output::Solution(solution, report) => watcher.solution(solution, report),
     }
 }

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use hdrhistogram::Histogram;
 use ilns_recording::{
-    ESTIMATE_FILES, LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary,
+    ESTIMATE_FILES, EstimateWriter, LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary,
 };
 use nav_evaluation::{EstimatePoint, Score, Scorer, Window};
 use nav_geometry::Geodetic;
@@ -49,6 +49,8 @@ pub struct ReplayOutput {
     out: PathBuf,
     started: Instant,
     estimates: BackgroundWriter,
+    /// Begun with the first of them.
+    lagged: Option<EstimateWriter>,
     written: u64,
     truth: Option<TruthFeed>,
     scorer: Option<Scorer>,
@@ -77,6 +79,7 @@ impl ReplayOutput {
             out: out.to_owned(),
             started,
             estimates,
+            lagged: None,
             written: 0,
             truth,
             scorer: None,
@@ -117,6 +120,19 @@ impl ReplayOutput {
         Ok(())
     }
 
+    /// Takes the estimate of a window ago.
+    ///
+    /// # Errors
+    /// A number that is not finite or a full disk.
+    pub fn lagged(&mut self, estimate: &NavEstimate) -> Result<(), ReplayError> {
+        let writer = match &mut self.lagged {
+            Some(writer) => writer,
+            none => none.insert(EstimateWriter::create_lagged(&self.out)?),
+        };
+        writer.write(estimate)?;
+        Ok(())
+    }
+
     /// Completes all files and returns what `summary.json` says; prints the score as a table to standard error.
     ///
     /// # Errors
@@ -131,6 +147,9 @@ impl ReplayOutput {
         };
         let modes = self.mode_shares(estimates);
         self.estimates.finish()?;
+        if let Some(lagged) = self.lagged.take() {
+            lagged.finish()?;
+        }
         let wall_s = self.started.elapsed().as_secs_f64();
         let summary = Summary {
             version: env!("CARGO_PKG_VERSION").to_owned(),

@@ -99,6 +99,11 @@ fn replay(
                 failed = output.estimate(estimate);
             }
         }
+        Output::Lagged(estimate) => {
+            if failed.is_ok() {
+                failed = output.lagged(estimate);
+            }
+        }
         Output::Solution(solution, _) => {
             keyframes += 1;
             iterations += u64::from(solution.iterations);

@@ -1,7 +1,7 @@
 //! The channels of this process.
 
 use ilns_bus::{Bus, BusError, Publisher, Subscriber};
-use shared_types::{FrameOrigin, Heartbeat, KeyframeReport, Measurement, Solution, channel};
+use shared_types::{FrameOrigin, Heartbeat, KeyframeReport, Measurement, NavEstimate, Solution, channel};
 
 /// What it listens to.
 pub(crate) struct Inputs {
@@ -13,6 +13,7 @@ pub(crate) struct Inputs {
 pub(crate) struct Outputs {
     pub(crate) solution: Publisher<Solution>,
     pub(crate) diagnostics: Publisher<KeyframeReport>,
+    pub(crate) lagged: Publisher<NavEstimate>,
     pub(crate) health: Publisher<Heartbeat>,
 }
 
@@ -30,6 +31,7 @@ impl Outputs {
         Ok(Outputs {
             solution: bus.publisher(&channel::SOLUTION)?,
             diagnostics: bus.publisher(&channel::DIAGNOSTICS)?,
+            lagged: bus.publisher(&channel::LAGGED)?,
             health: bus.publisher(&channel::HEALTH)?,
         })
     }

@@ -138,6 +138,9 @@ fn ingest(
             outputs.solution.publish(solution);
             keeper.keep(&solution);
             outputs.diagnostics.publish(*estimator.report());
+            if let Some(lagged) = estimator.lagged() {
+                outputs.lagged.publish(lagged);
+            }
         }
         Ok(None) => {}
         // After a restart the channel's history repeats what the solution already covers: no news.

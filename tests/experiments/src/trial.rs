@@ -272,7 +272,7 @@ impl Trial {
                     tally.iterations += f64::from(solution.iterations);
                     tally.linearised += f64::from(solution.linearised);
                 }
-                Output::Estimate(_) | Output::Origin(_) => {}
+                Output::Estimate(_) | Output::Origin(_) | Output::Lagged(_) => {}
             });
         }
         let cpu_s = (clock.thread_ns() - began) as f64 * 1e-9;

@@ -23,6 +23,7 @@ pub struct Ran {
     pub score: Score,
     pub pairs: Vec<Pair>,
     pub solutions: Vec<Solution>,
+    pub lagged: Vec<NavEstimate>,
     pub modes: [u64; 5],
     pub navigator: Navigator,
 }
@@ -52,7 +53,7 @@ impl Run<'_> {
         let mut scorer = Scorer::new(Geodetic::from_degrees(lat_deg, lon_deg, height), Window::default());
         let mut navigator = Navigator::new(&config, Rebase::After(Duration::ZERO));
         let mut truth = world.truth_rows(10.0).peekable();
-        let (mut pairs, mut solutions, mut modes) = (Vec::new(), Vec::new(), [0; 5]);
+        let (mut pairs, mut solutions, mut lagged, mut modes) = (Vec::new(), Vec::new(), Vec::new(), [0; 5]);
         let t_end = Time::from_seconds(self.until);
         for reading in world.readings().take_while(|reading| reading.t_valid() <= t_end) {
             if let RawReading::Imu(sample) = &reading {
@@ -70,11 +71,12 @@ impl Run<'_> {
                         }
                     }
                     Output::Solution(solution, _) => solutions.push(*solution),
+                    Output::Lagged(estimate) => lagged.push(*estimate),
                     Output::Origin(_) => {}
                 });
             });
         }
-        Ran { score: scorer.score().expect("estimates met the truth"), pairs, solutions, modes, navigator }
+        Ran { score: scorer.score().expect("estimates met the truth"), pairs, solutions, lagged, modes, navigator }
     }
 }
 

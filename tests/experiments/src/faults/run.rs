@@ -116,7 +116,7 @@ impl FaultRun {
                     scorer.estimate_with(&EstimatePoint::from(estimate), |pair| log.pair(pair));
                 }
                 Output::Solution(solution, _) => log.solution(solution),
-                Output::Estimate(_) | Output::Origin(_) => {}
+                Output::Estimate(_) | Output::Origin(_) | Output::Lagged(_) => {}
             });
         };
         for reading in world.readings().map(Ok::<_, Infallible>) {

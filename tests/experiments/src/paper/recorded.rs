@@ -227,7 +227,7 @@ pub(super) fn navigate(
                 take(origin, estimate);
             }
         }
-        Output::Estimate(_) | Output::Solution(..) => {}
+        Output::Estimate(_) | Output::Solution(..) | Output::Lagged(_) => {}
     };
     for reading in log.merged()? {
         let reading = reading?;
