@@ -8,6 +8,7 @@ mod consistency;
 mod faults;
 mod paper;
 mod parallel;
+mod speed;
 mod trial;
 
 use std::process::ExitCode;
@@ -27,6 +28,8 @@ enum Experiment {
     Accuracy(accuracy::Args),
     /// The estimator and the smoother beside the information bound, over seeds.
     Bound(bound_table::Args),
+    /// What a keyframe costs with windows from 10 to 500, beside the limit of the arithmetic; with `--hours`, over a day.
+    Speed(speed::Args),
     /// NEES, NIS and containment for every set of sensors, over seeds.
     Consistency(consistency::Args),
     /// I-a of the paper: windows from 10 to 200 keyframes and the batch.
@@ -63,6 +66,7 @@ fn main() -> ExitCode {
     let result: Result<(), Box<dyn std::error::Error>> = match Cli::parse().experiment {
         Experiment::Accuracy(args) => accuracy::run(&args).map_err(Into::into),
         Experiment::Bound(args) => bound_table::run(&args).map_err(Into::into),
+        Experiment::Speed(args) => speed::run(&args).map_err(Into::into),
         Experiment::Consistency(args) => consistency::run(&args).map_err(Into::into),
         Experiment::WindowSize(args) => of_paper(paper::Experiment::WindowSize, &args),
         Experiment::EkfComparison(args) => of_paper(paper::Experiment::EkfComparison, &args),

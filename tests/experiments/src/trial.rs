@@ -163,7 +163,8 @@ impl Change {
     }
 }
 
-struct ThreadClock;
+/// CPU time of this thread.
+pub struct ThreadClock;
 
 impl SolveClock for ThreadClock {
     fn thread_ns(&mut self) -> u64 {
