@@ -17,10 +17,44 @@ pub(crate) fn is_possible(t: Time) -> bool {
     t <= T_MAX && t >= Time(-T_MAX.0)
 }
 
+/// So many samples of the same six numbers are none (F5), if the instrument did not repeat itself from the beginning.
+const FROZEN: u32 = 10;
+/// A beginning, in samples: 10 s at 200 Hz.
+const BEGINNING: u32 = 2000;
+/// How many times longer than any repetition of the beginning one must be to be a fault.
+const FROZEN_FACTOR: u32 = 4;
+
+/// How often the same numbers have come in a row. Slow instruments behind fast drivers repeat each sample; a rest without noise
+/// does for long.
+#[derive(Clone, Debug, Default)]
+struct Repetition {
+    numbers: [f64; 6],
+    in_a_row: u32,
+    longest: u32,
+    seen: u32,
+}
+
+impl Repetition {
+    /// Whether the instrument has frozen.
+    fn is_frozen(&mut self, sample: &ImuSample) -> bool {
+        let ([gx, gy, gz], [ax, ay, az]) = (sample.gyro_body, sample.accel_body);
+        let numbers = [gx, gy, gz, ax, ay, az];
+        self.in_a_row = if numbers == self.numbers { self.in_a_row.saturating_add(1) } else { 1 };
+        self.numbers = numbers;
+        if self.seen < BEGINNING {
+            self.seen += 1;
+            self.longest = self.longest.max(self.in_a_row);
+            return false;
+        }
+        self.in_a_row >= FROZEN.max(FROZEN_FACTOR.saturating_mul(self.longest))
+    }
+}
+
 /// The gate, with the last sample that it let through.
 #[derive(Clone, Debug)]
 pub struct ImuGate {
     config: ImuGateConfig,
+    repetition: Repetition,
     t_accepted: Option<Time>,
     /// A sample that leapt ahead, until the next one confirms it.
     t_leapt: Option<Time>,
@@ -43,11 +77,11 @@ pub enum ImuVerdict {
 impl ImuGate {
     /// A gate that has seen nothing.
     pub fn new(config: &ImuGateConfig) -> ImuGate {
-        ImuGate { config: *config, t_accepted: None, t_leapt: None }
+        ImuGate { config: *config, repetition: Repetition::default(), t_accepted: None, t_leapt: None }
     }
 
     /// Judges the next sample: finite, within what the instrument can measure, later than its predecessor. Of several
-    /// samples with one `t_valid` the first counts.
+    /// samples with one `t_valid` the first counts, of the same numbers over and over those that may be real.
     pub fn check(&mut self, sample: &ImuSample) -> ImuVerdict {
         match self.judge(sample) {
             Ok(step) => {
@@ -95,6 +129,9 @@ impl ImuGate {
                 return Err(RejectReason::OutOfRange);
             }
         }
+        if self.repetition.is_frozen(sample) {
+            return Err(RejectReason::Duplicate);
+        }
         Ok(Some(step))
     }
 }
@@ -128,6 +165,31 @@ mod tests {
         assert_eq!(gate.check(&imu(1.0)), PASSES);
         assert_eq!(gate.check(&imu(1.0)), ImuVerdict::Reject(RejectReason::Duplicate));
         assert_eq!(gate.check(&other), ImuVerdict::Reject(RejectReason::Duplicate));
+    }
+
+    #[test]
+    fn an_instrument_that_freezes_is_not_believed_after_ten_samples() {
+        let mut gate = gate();
+        let live = |step: i32| {
+            let mut sample = imu(f64::from(step) * 0.005);
+            sample.gyro_body[0] = 0.5 + 1e-4 * f64::from(step % 7);
+            sample
+        };
+        assert!((0..2500).all(|step| gate.check(&live(step)) == PASSES));
+        let refused = (2500..2600).filter(|&step| gate.check(&imu(f64::from(step) * 0.005)) != PASSES);
+        assert_eq!(refused.collect::<Vec<i32>>(), (2509..2600).collect::<Vec<i32>>());
+        let gap = Some(Duration::from_seconds(92.0 * 0.005));
+        assert!(matches!(gate.check(&live(2600)), ImuVerdict::Accept { gap: found, .. } if found == gap));
+    }
+
+    #[test]
+    fn an_instrument_that_repeats_itself_from_the_beginning_is_slow_and_not_frozen() {
+        let mut gate = gate();
+        for step in 0..4000 {
+            let mut sample = imu(f64::from(step) * 0.005);
+            sample.gyro_body[0] = 1e-4 * f64::from((step / 20) % 7);
+            assert_eq!(gate.check(&sample), PASSES, "{step}");
+        }
     }
 
     #[test]
