@@ -32,6 +32,8 @@ pub struct Verdict {
     pub refused: bool,
     /// Weight of its kernel at its innovation.
     pub weight: f64,
+    /// What the gate lets through, as [`Innovation::gate`] has it; twice 0 without one.
+    pub gate: [f64; 2],
 }
 
 /// What each sensor has been up to, in the order of [`SENSORS`].
@@ -88,7 +90,8 @@ impl Judges {
             let refused = is_gated && !passes && !admits;
             let weight = innovation.first_weight(kernel);
             candidate.rows().iter_mut().for_each(|row| row.weight = weight);
-            tell(candidate, Verdict { refused, weight });
+            let gate = if is_gated { Innovation::gate(sensor, components) } else { [0.0; 2] };
+            tell(candidate, Verdict { refused, weight, gate });
             !refused
         });
         if is_gated || sensor == Sensor::Gnss {

@@ -35,6 +35,13 @@ ilns.views.tables = (() => {
     ]);
   };
 
+  /** What the gate lets through: up to so many sigmas, for ranges from too long to too short. */
+  const gate = ({ is_gated: is, gate: limits }) => {
+    if (is === false) return "off";
+    if (!limits) return ilns.UNKNOWN;
+    return limits[0] < 0 ? `${fixed(limits[0], 0)}…${fixed(limits[1], 0)}` : fixed(limits[1], 1);
+  };
+
   const sensors = (shown) => {
     const rows = (shown?.sensors ?? []).map((row) => {
       // What came before the start, or is switched off, is not held against the sensor.
@@ -49,12 +56,12 @@ ilns.views.tables = (() => {
         kind: "sensor", name: row.sensor, state: silent ? "silent" : row.received ? "heard" : "none",
         cells: [ilns.key(ilns.SENSOR_COLOURS[row.sensor], row.sensor), { text: silent ? "silent" : fixed(row.rate, 1), class: silent ? "bad" : null },
           fixed(row.age, 1), { text: fixed(row.used_age, 1), class: "wide mid" },
-          { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null },
+          { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null }, gate(row),
           `${row.received}`, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
           { text: why, class: "text" }],
       };
     });
-    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide mid" }, "innov. σ", "received", "refused %", "offset ms",
+    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide mid" }, "innov. σ", "gate σ", "received", "refused %", "offset ms",
       { text: "why refused", class: "text" }], rows);
   };
 

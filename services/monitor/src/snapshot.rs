@@ -220,6 +220,11 @@ pub struct SensorRow {
     pub is_silent: bool,
     /// Newest innovation of the sensor in its own sigmas, √(NIS / rows) over the factors of its newest keyframe.
     pub innovation: Option<f64>,
+    /// Whether a gate stood before the factors of that keyframe.
+    pub is_gated: Option<bool>,
+    /// What that lets through, as `innovation` is written: 0 to the largest √(NIS / rows), for ranges from the longest to the
+    /// shortest in sigmas of each.
+    pub gate: Option<[f64; 2]>,
     /// How much too late its stamps are found to be, s; `None` while nothing speaks against them.
     pub time_offset: Option<f64>,
     /// 1-sigma of that, s.
