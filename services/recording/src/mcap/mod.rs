@@ -22,6 +22,8 @@ mod reader;
 mod recover;
 mod scene;
 mod schemas;
+mod solutions;
+mod thinning;
 mod topics;
 mod writer;
 
@@ -29,4 +31,6 @@ pub use export::{Exported, export};
 pub use inspect::{ChannelReport, Inspection, inspect};
 pub use reader::{Ending, McapFault};
 pub use recover::{Recovered, recover};
-pub use writer::{ESTIMATE_PERIOD, McapWriter, RecorderStatus};
+pub use solutions::solutions;
+pub use thinning::EstimateThinning;
+pub use writer::{McapWriter, RecorderStatus};

@@ -12,8 +12,9 @@ use std::path::{Path, PathBuf};
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Attachment, McapError, WriteOptions, Writer};
 use nav_geometry::{Geodetic, LocalFrame};
-use shared_types::{BuoyFix, Duration, GnssFix, Heartbeat, KeyframeReport, Mode, NavEstimate, RawReading, Time, Truth};
+use shared_types::{BuoyFix, Duration, GnssFix, Heartbeat, KeyframeReport, NavEstimate, RawReading, Time, Truth};
 
+use super::thinning::EstimateThinning;
 use super::topics::Topic;
 use super::{messages, scene};
 use crate::error::LogError;
@@ -21,8 +22,6 @@ use crate::rows::LogRow;
 
 /// A chunk beyond this many bytes is ended before its flush is due.
 const CHUNK: u64 = 256 * 1024;
-/// Between two estimates of the file, data time: 20 Hz, what a view can show.
-pub const ESTIMATE_PERIOD: Duration = Duration(50_000_000);
 /// Between two scenes.
 const SCENE_PERIOD: Duration = Duration(1_000_000_000);
 /// Version of topics and messages, raised when the meaning of one changes.
@@ -52,7 +51,7 @@ pub struct McapWriter {
     origin: Option<[f64; 3]>,
     buoys: BTreeMap<u32, BuoyFix>,
     t_newest: i64,
-    t_estimate: Option<Time>,
+    thinning: EstimateThinning,
     t_scene: Option<Time>,
     bytes: u64,
     text: Vec<u8>,
@@ -82,7 +81,7 @@ impl McapWriter {
             origin: None,
             buoys: BTreeMap::new(),
             t_newest: 0,
-            t_estimate: None,
+            thinning: EstimateThinning::default(),
             t_scene: None,
             bytes: 0,
             text: Vec::new(),
@@ -194,17 +193,15 @@ impl McapWriter {
         self.put(Topic::FrameOrigin, self.t_newest)
     }
 
-    /// Takes an estimate, and writes twenty a second of them; INITIALISING ones and those that are no numbers are passed over.
+    /// Takes an estimate, and writes it if [`EstimateThinning`] says so.
     ///
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn estimate(&mut self, estimate: &NavEstimate) -> Result<(), LogError> {
         let t = Time(estimate.header.t_valid);
-        let is_due = |last: Option<Time>, period: Duration| last.is_none_or(|last| t < last || t - last >= period);
-        if !is_due(self.t_estimate, ESTIMATE_PERIOD) || estimate.mode() == Mode::Initialising || !is_finite(estimate) {
+        if !self.thinning.wants(estimate) {
             return Ok(());
         }
-        self.t_estimate = Some(t);
         self.t_newest = self.t_newest.max(t.0);
         let writes: [(Topic, Write); 4] = [
             (Topic::Estimate, messages::estimate),
@@ -217,7 +214,8 @@ impl McapWriter {
             write(&mut self.text, estimate);
             self.put(topic, t.0)?;
         }
-        if let Some(frame) = self.frame.as_ref().filter(|_| is_due(self.t_scene, SCENE_PERIOD)) {
+        let is_scene_due = self.t_scene.is_none_or(|last| t < last || t - last >= SCENE_PERIOD);
+        if let Some(frame) = self.frame.as_ref().filter(|_| is_scene_due) {
             self.t_scene = Some(t);
             self.text.clear();
             scene::update(&mut self.text, estimate, frame, &self.buoys);
@@ -267,12 +265,6 @@ impl McapWriter {
     pub fn finish(mut self) -> Result<(), LogError> {
         self.writer.finish().map(drop).map_err(|error| fault(&self.path, error))
     }
-}
-
-fn is_finite(estimate: &NavEstimate) -> bool {
-    let groups: [&[f64]; 4] =
-        [&estimate.position_enu, &estimate.q_enu_body, &estimate.position_cov, &estimate.lat_lon_h];
-    groups.into_iter().flatten().all(|value| value.is_finite())
 }
 
 /// Channel 0 is allowed, and other readers have stumbled over it.
