@@ -146,7 +146,7 @@ ilns.views.tables = (() => {
     if (key === eventsShown) return;
     eventsShown = key;
     byId("events").replaceChildren(...seen.toReversed().map((event) =>
-      h("li", { "data-bad": event.is_bad }, `${fixed(event.t, 1)} s  ${event.what}`)));
+      h("li", { "data-bad": `${event.is_bad}` }, `${fixed(event.t, 1)} s  ${event.what}`)));
   };
 
   const draw = () => {

@@ -6,7 +6,7 @@ use core::fmt;
 use std::collections::BTreeMap;
 
 use serde::{Serialize, Serializer};
-use shared_types::{Duration, HopLatency, Mode, Process, ProcessState, Sensor, SolutionStatus};
+use shared_types::{Duration, HopLatency, Mode, Process, ProcessState, RejectReason, Sensor, SolutionStatus};
 
 use crate::compact::compact_json;
 use crate::detail::{Histogram, Hop, Ring};
@@ -232,9 +232,14 @@ pub struct SensorRow {
 }
 
 impl SensorRow {
-    /// All refusals.
+    /// All refusals that are held against the sensor: not those of readings from before the start, or while it is switched off.
     pub fn rejected_total(&self) -> u64 {
-        self.rejected.values().sum()
+        self.rejected.iter().filter(|(reason, _)| SensorRow::is_blamed(reason)).map(|(_, count)| count).sum()
+    }
+
+    /// Whether a reason of refusal speaks against the sensor.
+    pub(crate) fn is_blamed(reason: &str) -> bool {
+        ![RejectReason::BeforeStart, RejectReason::Disabled].map(RejectReason::name).contains(&reason)
     }
 }
 

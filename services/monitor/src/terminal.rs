@@ -224,7 +224,7 @@ fn sensor_table(sensors: &[SensorRow]) -> Vec<Line> {
 
 fn sensor_row(row: &SensorRow) -> Line {
     let mut reasons: Vec<(&str, u64)> = row.rejected.iter().map(|(&reason, &count)| (reason, count)).collect();
-    reasons.sort_by_key(|&(_, count)| core::cmp::Reverse(count));
+    reasons.sort_by_key(|&(reason, count)| (!SensorRow::is_blamed(reason), core::cmp::Reverse(count)));
     let mut reasons: Vec<String> = reasons.into_iter().map(|(reason, count)| format!("{reason} {count}")).collect();
     if let Some((offset, sigma)) = row.time_offset.zip(row.time_offset_sigma) {
         reasons.insert(0, format!("stamps {} ms late (1-sigma {})", fixed(offset * 1e3, 1), fixed(sigma * 1e3, 1)));
