@@ -16,7 +16,7 @@ use crate::model::Model;
 
 const SECOND: i64 = 1_000_000_000;
 
-const ORIGIN: [f64; 3] = [36.38, 127.36, 0.0];
+pub(crate) const ORIGIN: [f64; 3] = [36.38, 127.36, 0.0];
 
 /// The frame of every fixture.
 pub(crate) fn frame() -> LocalFrame {

@@ -14,6 +14,7 @@
 //! `log_time` is data time in ns (0 where it is negative, the message says the true one). Chunks are not compressed:
 //! a torn file is then readable up to its last byte, and the recorder's processor time stays with the vehicle.
 
+mod composer;
 mod export;
 mod inspect;
 mod json;
@@ -27,6 +28,7 @@ mod thinning;
 mod topics;
 mod writer;
 
+pub use composer::{Composer, MessageChannel, MessageSink, message_channels};
 pub use export::{Exported, export};
 pub use inspect::{ChannelReport, Inspection, inspect};
 pub use reader::{Ending, McapFault};
