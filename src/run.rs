@@ -118,8 +118,8 @@ pub fn run(args: &RunArgs) -> Outcome {
     let start = source.start()?;
     let owner = Owner::take(&prefix)?;
     // Last: its address is told at once, and nothing may go wrong after that.
-    let web = page_address(args)?;
     let foxglove = args.foxglove.settle()?;
+    let web = page_address(args)?;
     if let Some(address) = foxglove {
         eprintln!("ilns run: Foxglove at ws://{address}");
     }

@@ -10,9 +10,18 @@ ilns.views.tables = (() => {
       if (content && typeof content === "object") return h(tag, { class: content.class }, content.text);
       return h(tag, {}, content ?? "");
     };
-    byId(id).replaceChildren(
-      h("thead", {}, h("tr", {}, ...heads.map(cell("th")))),
-      h("tbody", {}, ...rows.map((row) => h("tr", { "data-state": row.state, [`data-${row.kind ?? "name"}`]: row.name }, ...row.cells.map(cell("td"))))));
+    const line = (row) => h("tr", { "data-state": row.state, [`data-${row.kind ?? "name"}`]: row.name }, ...row.cells.map(cell("td")));
+    const table = byId(id);
+    const body = table.tBodies[0];
+    // Only what has changed is put anew: laying out a table costs more than filling it.
+    if (body && body.rows.length === rows.length) {
+      rows.forEach((row, index) => {
+        const [old, fresh] = [body.rows[index], line(row)];
+        if (!old.isEqualNode(fresh)) old.replaceWith(fresh);
+      });
+      return;
+    }
+    table.replaceChildren(h("thead", {}, h("tr", {}, ...heads.map(cell("th")))), h("tbody", {}, ...rows.map(line)));
   };
 
   const state = (shown) => {
@@ -157,7 +166,7 @@ ilns.views.tables = (() => {
     byId("latency-card").hidden = isFinished && !(store.now?.histograms ?? []).length;
     byId("processes-card").hidden = isFinished && !(store.now?.processes ?? []).length;
     hops(store.now);
-    histograms(store.now);
+    if (ilns.isInSight("latency-card")) histograms(store.now);
     processes(store.now);
     events();
   };
