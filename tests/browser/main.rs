@@ -55,9 +55,12 @@ fn a_live_run_is_seen_in_the_browser() {
     let listed = browser.value("document.querySelectorAll('#factors tbody tr').length");
     let held = browser.value(&format!("ilns.store.keyframes.find((k) => k.t === Number({chosen})).factors.length"));
     assert_eq!(listed, held, "every factor is listed");
-    browser.wait_until(
-        "document.querySelector('#window .cell:nth-last-child(8)').getAttribute('aria-selected') === 'true'",
-    );
+    browser.wait_until(&format!(
+        "(() => {{ const cells = [...document.querySelectorAll('#window .cell')];
+           const place = cells.findIndex((cell) => cell.getAttribute('aria-selected') === 'true');
+           return cells.length - place >= 8 && cells[place].dataset.t === '{}'; }})()",
+        chosen.as_str().expect("a time as text")
+    ));
 
     // A late page has the past.
     browser.open(&url, PHONE);
