@@ -92,7 +92,7 @@ fn help() -> Vec<Line> {
 /// `page` is where a browser finds the same.
 fn tables(snapshot: &Snapshot, height: usize, page: Option<SocketAddr>) -> Vec<Line> {
     let at = |line: Line| match page {
-        Some(address) => line.then(Tone::Plain, format!("   page http://{address}")),
+        Some(address) => line.then(Tone::Plain, format!("   http://{address}")),
         None => line,
     };
     let mut lines = vec![title(snapshot), Line::default()];

@@ -124,7 +124,7 @@ impl Sensors {
             if rows > 0 {
                 let nis: f64 = of_sensor().map(|factor| factor.nis).sum();
                 self.innovations[sensor.index()] = Some((nis / f64::from(rows)).sqrt());
-                let newest = of_sensor().filter(|factor| factor.rows > 0).last();
+                let newest = of_sensor().rfind(|factor| factor.rows > 0);
                 let per_row = |factor: &FactorReport| factor.gate.map(|limit| limit / f64::from(factor.rows).sqrt());
                 self.gates[sensor.index()] = newest.map(per_row);
             }
