@@ -66,11 +66,11 @@ ilns.views.tables = (() => {
         cells: [ilns.key(ilns.SENSOR_COLOURS[row.sensor], row.sensor), { text: silent ? "silent" : fixed(row.rate, 1), class: silent ? "bad" : null },
           fixed(row.age, 1), { text: fixed(row.used_age, 1), class: "wide mid" },
           { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null }, gate(row),
-          `${row.received}`, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
+          { text: `${row.received}`, class: "narrow" }, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
           { text: why, class: "text" }],
       };
     });
-    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide mid" }, "innov. σ", "gate σ", "received", "refused %", "offset ms",
+    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide mid" }, "innov. σ", "gate σ", { text: "received", class: "narrow" }, "refused %", "offset ms",
       { text: "why refused", class: "text" }], rows);
   };
 
