@@ -167,6 +167,7 @@ pub fn run(args: &LatencyArgs) -> Outcome {
         processes: &processes,
         web: None,
         web_token: None,
+        foxglove: None,
     };
     let clock = StartClock { data: mission::START, mono: monotonic_now() + LEAD, rate: 1.0 };
     let log = (args.log_level.as_str(), LogFormat::Auto);

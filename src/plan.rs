@@ -35,6 +35,8 @@ pub struct Wishes<'a> {
     pub web: Option<SocketAddr>,
     /// File with the token that the page asks for.
     pub web_token: Option<PathBuf>,
+    /// Where the monitor serves Foxglove.
+    pub foxglove: Option<SocketAddr>,
 }
 
 /// The processes of a run, in the order of their start.
@@ -73,6 +75,11 @@ fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
         if let Some(token) = &wishes.web_token {
             push("--web-token", token.into());
         }
+    }
+    if process == Process::Monitor
+        && let Some(address) = wishes.foxglove
+    {
+        push("--foxglove", address.to_string().into());
     }
     if EMULATORS.contains(&process) {
         match &wishes.source.log {

@@ -72,7 +72,8 @@ fn print(text: &str) {
     println!("{}", text.trim_end());
 }
 
-fn condition(ending: &Ending) -> String {
+/// How whole an MCAP is, in words.
+pub(crate) fn condition(ending: &Ending) -> String {
     if ending.is_whole() {
         return "whole".to_owned();
     }

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use ilns_bus::{Owner, Prefix};
-use ilns_monitor::{WebAddress, WebArgs, listen};
+use ilns_monitor::{FoxgloveArgs, WebAddress, WebArgs, listen};
 use ilns_runtime::{
     DEFAULT_PREFIX, LogFormat, NavigatorArgs, ProcessFile, Shutdown, StartClock, monotonic_now, start_logging,
 };
@@ -42,11 +42,13 @@ pub struct RunArgs {
     processes: Option<PathBuf>,
     #[command(flatten)]
     web: WebArgs,
+    #[command(flatten)]
+    foxglove: FoxgloveArgs,
     /// Serve no page.
     #[arg(long, conflicts_with = "web")]
     no_web: bool,
     /// Show nothing: neither the terminal view nor a page.
-    #[arg(long, conflicts_with_all = ["web", "no_web"])]
+    #[arg(long, conflicts_with_all = ["web", "no_web", "foxglove"])]
     headless: bool,
     /// Least severity that is logged: error, warn, info, debug or trace; of one part, as in warn,ilns_solver=debug.
     #[arg(long, value_name = "FILTER", default_value = "warn")]
@@ -116,7 +118,11 @@ pub fn run(args: &RunArgs) -> Outcome {
     let start = source.start()?;
     let owner = Owner::take(&prefix)?;
     // Last: its address is told at once, and nothing may go wrong after that.
+    let foxglove = args.foxglove.settle()?;
     let web = page_address(args)?;
+    if let Some(address) = foxglove {
+        eprintln!("ilns run: Foxglove at ws://{address}");
+    }
     let wishes = Wishes {
         source: &args.source,
         duration: args.duration,
@@ -125,6 +131,7 @@ pub fn run(args: &RunArgs) -> Outcome {
         processes: &processes,
         web,
         web_token: args.web.web_token.clone(),
+        foxglove,
     };
     let plans = children(&wishes, &source);
     let clock = StartClock { data: start, mono: monotonic_now() + LEAD, rate: args.rate };

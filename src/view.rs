@@ -3,20 +3,24 @@
 use std::path::{Path, PathBuf};
 
 use ilns_monitor::{Finished, Run, WebArgs, export, show};
-use ilns_recording::{ESTIMATE_FILES, LogDirectory};
-use ilns_replay::{Watcher, navigate};
+use ilns_recording::mcap::export as export_log;
+use ilns_recording::{ESTIMATE_FILES, LogDirectory, LogError};
+use ilns_replay::{ReplayError, Watcher, navigate};
 use ilns_runtime::{LogFormat, NavigatorArgs, Shutdown, start_logging};
-use shared_types::{FrameOrigin, KeyframeReport, NavEstimate, RawReading, SensorHealth, Solution, Time, Truth};
+use shared_types::{
+    ConfigText, FrameOrigin, KeyframeReport, NavEstimate, RawReading, SensorHealth, Solution, Time, Truth,
+};
 
 use crate::Outcome;
+use crate::recording::condition;
 
 /// What a view is told.
 #[derive(Debug, clap::Args)]
 pub struct ViewArgs {
-    /// A log directory, which is navigated first, so that every keyframe can be looked into; or a folder of `ilns replay`, of
-    /// which the estimates are shown.
-    #[arg(value_name = "LOG|OUT")]
-    run: PathBuf,
+    /// A log directory or the MCAP of a recording (all of them, in their order), which is navigated first, so that every
+    /// keyframe can be looked into; or a folder of `ilns replay`, of which the estimates are shown.
+    #[arg(value_name = "LOG|OUT|FILE.mcap", required = true)]
+    runs: Vec<PathBuf>,
     /// The log that OUT came from: its truth, buoys and fixes are shown, too.
     #[arg(long, value_name = "DIR")]
     log: Option<PathBuf>,
@@ -38,14 +42,20 @@ enum ViewError {
     /// Neither a log nor estimates.
     #[error("{}: neither a log directory (no imu.csv) nor a replay's folder (no estimate.csv)", .0.display())]
     NotARun(PathBuf),
-    /// Another format.
-    #[error("{}: MCAP files are not opened here; give the log directory that was recorded with it, or one taken from it", .0.display())]
-    Mcap(PathBuf),
+    /// Several that are not one.
+    #[error("one run at a time; only the MCAP files of one recording can be given together, and {} is none", .0.display())]
+    Several(PathBuf),
+    /// A recording that ended before it began.
+    #[error("{}: no inertial sample in it can be read (`ilns recording info` shows what can)", .0.display())]
+    NoSamples(PathBuf),
+    /// Its log directory has no place.
+    #[error("no folder can be made for the log directory of the recording (set TMPDIR to one with room for it)")]
+    NoRoom(#[source] std::io::Error),
     /// Nothing was estimated.
     #[error("{}: no estimate in it: the measurements never gave a first state (`ilns replay` shows what was refused, and why)", .0.display())]
     Empty(PathBuf),
     /// The name is that of a file in use.
-    #[error("--log belongs to a replay's folder; {} is a log itself", .0.display())]
+    #[error("--log belongs to a replay's folder; {} has its log in itself", .0.display())]
     TwoLogs(PathBuf),
 }
 
@@ -53,42 +63,75 @@ enum ViewError {
 pub fn run(args: &ViewArgs) -> Outcome {
     start_logging("warn", LogFormat::Auto)?;
     let shutdown = Shutdown::on_signals()?;
-    let folder = args.run.canonicalize().unwrap_or_else(|_| args.run.clone());
-    let name = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let run = open(args, args.title.as_deref().unwrap_or(&name))?.ok_or_else(|| ViewError::Empty(args.run.clone()))?;
+    let given = &args.runs[0];
+    let path = given.canonicalize().unwrap_or_else(|_| given.clone());
+    let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let run = open(args, args.title.as_deref().unwrap_or(&name))?.ok_or_else(|| ViewError::Empty(given.clone()))?;
     match &args.export {
         Some(file) => Ok(export(&run, file)?),
         None => Ok(show(run, &args.web, &shutdown)?),
     }
 }
 
-fn open(args: &ViewArgs, title: &str) -> Result<Option<Run>, Box<dyn std::error::Error>> {
-    let is_log = args.run.join("imu.csv").exists();
-    if args.run.extension().is_some_and(|extension| extension == "mcap") {
-        return Err(ViewError::Mcap(args.run.clone()).into());
-    }
-    if is_log && args.log.is_some() {
-        return Err(ViewError::TwoLogs(args.run.clone()).into());
-    }
-    if is_log {
-        return Ok(navigated(args, title)?);
-    }
-    let is_replay = args.run.is_file() || args.run.join(ESTIMATE_FILES[0]).exists();
-    if !is_replay && args.run.exists() {
-        return Err(ViewError::NotARun(args.run.clone()).into());
-    }
-    let log = args.log.as_ref().map(LogDirectory::open).transpose()?;
-    Ok(Finished::from_files(&args.run, log.as_ref(), title)?)
+fn is_mcap(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "mcap")
 }
 
-/// A recording is repeated as it was live, any other log as `ilns replay` runs it.
-fn navigated(args: &ViewArgs, title: &str) -> Result<Option<Run>, ilns_replay::ReplayError> {
-    let log = LogDirectory::open(&args.run)?;
-    let config = args.navigator.load_config(log.config().cloned().as_slice())?;
-    let published = args.run.join(ESTIMATE_FILES[0]);
-    let follow: Option<&Path> = (log.is_recording() && published.exists()).then_some(&published);
+fn open(args: &ViewArgs, title: &str) -> Result<Option<Run>, Box<dyn std::error::Error>> {
+    let run = &args.runs[0];
+    if args.runs.len() > 1
+        && let Some(other) = args.runs.iter().find(|path| !is_mcap(path))
+    {
+        return Err(ViewError::Several(other.clone()).into());
+    }
+    let is_recording = is_mcap(run) && !run.is_dir();
+    if (is_recording || run.join("imu.csv").exists()) && args.log.is_some() {
+        return Err(ViewError::TwoLogs(run.clone()).into());
+    }
+    if is_recording {
+        return recorded(args, title);
+    }
+    if run.join("imu.csv").exists() {
+        let log = LogDirectory::open(run)?;
+        let published = run.join(ESTIMATE_FILES[0]);
+        let follow = if log.is_recording() && published.exists() { vec![published] } else { Vec::new() };
+        return Ok(navigated(args, title, &log, log.config(), &follow)?);
+    }
+    let is_replay = run.is_file() || run.join(ESTIMATE_FILES[0]).exists();
+    if !is_replay && run.exists() {
+        return Err(ViewError::NotARun(run.clone()).into());
+    }
+    let log = args.log.as_ref().map(LogDirectory::open).transpose()?;
+    Ok(Finished::from_files(run, log.as_ref(), title)?)
+}
+
+/// Navigates the log directory that the MCAPs hold.
+fn recorded(args: &ViewArgs, title: &str) -> Result<Option<Run>, Box<dyn std::error::Error>> {
+    let folder = tempfile::Builder::new().prefix("ilns-view-").tempdir().map_err(ViewError::NoRoom)?;
+    let exported = export_log(&args.runs, folder.path())?;
+    let log = match LogDirectory::open(folder.path()) {
+        Err(LogError::NoImu { .. }) => return Err(ViewError::NoSamples(args.runs[0].clone()).into()),
+        opened => opened?,
+    };
+    for (file, ending) in args.runs.iter().zip(&exported.endings).filter(|(_, ending)| !ending.is_whole()) {
+        eprintln!("ilns view: {}: {}", file.display(), condition(ending));
+    }
+    // What is wrong in it is to be looked for where it came from.
+    let named = |config: &ConfigText| ConfigText { file: args.runs[0].join("sensors.toml"), text: config.text.clone() };
+    Ok(navigated(args, title, &log, log.config().map(named).as_ref(), &args.runs)?)
+}
+
+/// A recording is repeated as it was live, which `follow` tells of; any other log as `ilns replay` runs it.
+fn navigated(
+    args: &ViewArgs,
+    title: &str,
+    log: &LogDirectory,
+    config: Option<&ConfigText>,
+    follow: &[PathBuf],
+) -> Result<Option<Run>, ReplayError> {
+    let config = args.navigator.load_config(config.map(std::slice::from_ref).unwrap_or_default())?;
     let mut folding = Folding(Finished::new(title));
-    navigate(&log, &config, follow, &mut folding)?;
+    navigate(log, &config, follow, &mut folding)?;
     Ok(folding.0.end())
 }
 

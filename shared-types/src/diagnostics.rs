@@ -32,11 +32,14 @@ pub struct FactorReport {
     pub nis: f64,
     /// Robust weight in use.
     pub weight: f64,
+    /// What its sensor's gate lets through, in sigmas: of the whitened innovation of a range (too long, too short), else of
+    /// the root of `nis`. Twice 0: the sensor has no gate.
+    pub gate: [f64; 2],
 }
 
 message! {
     /// What the newest keyframe holds.
-    KeyframeReport, "ilns.KeyframeReport.1", schema 1 {
+    KeyframeReport, "ilns.KeyframeReport.2", schema 2 {
         /// Sender, order and times.
         header: Header,
         /// Solution that it belongs to.

@@ -5,29 +5,15 @@ mod chromium;
 #[path = "../harness/mod.rs"]
 mod harness;
 
-use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use chromium::Chromium;
-use harness::{ILNS, PATIENCE, Set, assert_nothing_left, ilns, kill, process};
+use harness::{ILNS, PATIENCE, Set, assert_nothing_left, ilns, kill, page_of, process};
 use rustix::process::Signal;
 
 const DESKTOP: (u32, u32) = (1440, 1000);
 const PHONE: (u32, u32) = (390, 844);
-
-/// Where `child` says that its page is; what it says afterwards is passed on.
-fn page_of(child: &mut Child) -> String {
-    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-    let url = loop {
-        let line = lines.next().expect("it says where its page is").expect("text");
-        if let Some((_, rest)) = line.split_once("page at ") {
-            break rest.split_whitespace().next().expect("an address").to_owned();
-        }
-    };
-    std::thread::spawn(move || lines.map_while(Result::ok).for_each(|line| eprintln!("{line}")));
-    url
-}
 
 fn assert_nothing_complained_of(browser: &Chromium) {
     assert!(browser.complaints.is_empty(), "{:#?}", browser.complaints);
@@ -69,9 +55,12 @@ fn a_live_run_is_seen_in_the_browser() {
     let listed = browser.value("document.querySelectorAll('#factors tbody tr').length");
     let held = browser.value(&format!("ilns.store.keyframes.find((k) => k.t === Number({chosen})).factors.length"));
     assert_eq!(listed, held, "every factor is listed");
-    browser.wait_until(
-        "document.querySelector('#window .cell:nth-last-child(8)').getAttribute('aria-selected') === 'true'",
-    );
+    browser.wait_until(&format!(
+        "(() => {{ const cells = [...document.querySelectorAll('#window .cell')];
+           const place = cells.findIndex((cell) => cell.getAttribute('aria-selected') === 'true');
+           return cells.length - place >= 8 && cells[place].dataset.t === '{}'; }})()",
+        chosen.as_str().expect("a time as text")
+    ));
 
     // A late page has the past.
     browser.open(&url, PHONE);

@@ -1,11 +1,13 @@
 //! The real executable and its processes, from outside.
 
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde_json::Value;
+use shared_types::Time;
 
 pub const ILNS: &str = env!("CARGO_BIN_EXE_ilns");
 
@@ -84,6 +86,40 @@ impl Drop for Set {
     }
 }
 
+/// Holds the `estimate.csv` of a replay against the one that was `published`, row by row to the last bit, wherever they
+/// have a time in common; how many that are.
+pub fn assert_repeated(published: &Path, repeated: &Path) -> usize {
+    let read = |path: &Path| std::fs::read_to_string(path).expect("it was written");
+    let (published, repeated) = (read(published), read(repeated));
+    let mut repeated_rows = repeated.lines().skip(1).peekable();
+    let time = |line: &str| Time::parse(line.split(',').next().unwrap_or_default().as_bytes()).expect("a time");
+    let (mut compared, mut differing) = (0, Vec::new());
+    for row in published.lines().skip(1) {
+        while repeated_rows.next_if(|other| time(other) < time(row)).is_some() {}
+        if let Some(other) = repeated_rows.next_if(|other| time(other) == time(row)) {
+            compared += 1;
+            if other != row {
+                differing.push((row.to_owned(), other.to_owned()));
+            }
+        }
+    }
+    assert!(differing.is_empty(), "{} of {compared} differ, the first:\n{:#?}", differing.len(), differing.first());
+    compared
+}
+
+/// Where `child` says that its page is; what it says afterwards is passed on.
+pub fn page_of(child: &mut Child) -> String {
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+    let url = loop {
+        let line = lines.next().expect("it says where its page is").expect("text");
+        if let Some((_, rest)) = line.split_once("page at ") {
+            break rest.split_whitespace().next().expect("an address").to_owned();
+        }
+    };
+    std::thread::spawn(move || lines.map_while(Result::ok).for_each(|line| eprintln!("{line}")));
+    url
+}
+
 pub fn ilns(arguments: &[&str]) -> Output {
     Command::new(ILNS).args(arguments).output().expect("the executable was built")
 }
@@ -110,6 +146,13 @@ pub fn leftovers(prefix: &str) -> Vec<PathBuf> {
 
 pub fn assert_nothing_left(prefix: &str) {
     assert_eq!(leftovers(prefix), Vec::<PathBuf>::new());
+}
+
+/// Messages per second on a channel.
+pub fn channel_rate(status: &Value, channel: &str) -> f64 {
+    let channels = status["channels"].as_array().expect("a list");
+    let row = channels.iter().find(|row| row["name"] == channel);
+    row.and_then(|row| row["rate"].as_f64()).unwrap_or(0.0)
 }
 
 pub fn process<'a>(status: &'a Value, name: &str) -> &'a Value {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use nav_models::innovation::Innovation;
-use nav_models::judging::{Candidate, EPOCH_MAX, Judges};
+use nav_models::judging::{Candidate, EPOCH_MAX, Judges, Verdict};
 use nav_models::preintegration::{Piece, Preintegration};
 use nav_models::recovery::Checked;
 use nav_models::row::Row;
@@ -260,7 +260,7 @@ impl Ties {
         self.judges.judge(sensor, config, shares_offset, t, &mut self.epoch, |candidate, verdict| {
             let (place, components) = (candidate.factor.place(), candidate.factor.components());
             offsets.observe(place, &candidate.innovation, components, verdict.weight);
-            list_candidate(report, candidate, verdict.weight, verdict.refused);
+            list_candidate(report, candidate, verdict);
             if verdict.refused {
                 counts.rejected[RejectReason::Gated.index()] += 1;
                 offsets.observe_refused(place, &candidate.innovation, verdict.weight);
@@ -307,15 +307,16 @@ fn piece_to<'a>(
     Ok(Some(Piece::Forward(side)))
 }
 
-fn list_candidate(report: &mut KeyframeReport, candidate: &Evaluated, weight: f64, refused: bool) {
+fn list_candidate(report: &mut KeyframeReport, candidate: &Evaluated, verdict: Verdict) {
     report.list(FactorReport {
         t_valid: candidate.factor.t.0,
         sensor: candidate.factor.sensor() as u32,
         rows: candidate.factor.components() as u32,
         buoy: candidate.factor.buoy,
-        refused: if refused { 1 + RejectReason::Gated as u32 } else { 0 },
+        refused: if verdict.refused { 1 + RejectReason::Gated as u32 } else { 0 },
         whitened: candidate.innovation.whitened,
         nis: candidate.innovation.nis,
-        weight,
+        weight: verdict.weight,
+        gate: verdict.gate,
     });
 }

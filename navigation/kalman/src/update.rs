@@ -197,6 +197,7 @@ impl Updater {
                     whitened: member.innovation.whitened,
                     nis: member.innovation.nis,
                     weight: verdict.weight,
+                    gate: verdict.gate,
                 });
             }
             let outcome = if verdict.refused { Outcome::Refused(RejectReason::Gated) } else { Outcome::Used };

@@ -78,6 +78,14 @@ impl Innovation {
         self.nis <= gate_threshold(components)
     }
 
+    /// What [`Innovation::passes`] lets through, in sigmas: of the whitened innovation of a range, else of the root of `nis`.
+    pub fn gate(sensor: Sensor, components: usize) -> [f64; 2] {
+        match sensor {
+            Sensor::Lbl => [-RANGE_TOO_LONG, RANGE_TOO_SHORT],
+            _ => [0.0, gate_threshold(components).sqrt()],
+        }
+    }
+
     /// The robust weight to begin with: by the innovation, since the residual after the update is not known yet.
     pub fn first_weight(&self, kernel: Kernel) -> f64 {
         weight(kernel, self.nis)

@@ -35,6 +35,8 @@ pub struct Verdict {
     pub refused: bool,
     /// Weight of its kernel at its innovation.
     pub weight: f64,
+    /// What the gate lets through, as [`Innovation::gate`] has it; twice 0 without one.
+    pub gate: [f64; 2],
 }
 
 /// What each sensor has been up to, in the order of [`SENSORS`].
@@ -113,7 +115,8 @@ impl Judges {
             let refused = is_gated && !passes && !admits;
             let weight = innovation.first_weight(kernel);
             candidate.rows().iter_mut().for_each(|row| row.weight = weight);
-            tell(candidate, Verdict { refused, weight });
+            let gate = if is_gated { Innovation::gate(sensor, components) } else { [0.0; 2] };
+            tell(candidate, Verdict { refused, weight, gate });
             !refused
         });
         // Of a single range nothing is known of its kind: it may be an echo.

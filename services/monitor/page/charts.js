@@ -199,7 +199,7 @@ ilns.views.charts = (() => {
       chart.box.hidden = isEmpty;
       if (isEmpty) continue;
       filled.add(chart.box.parentElement.id);
-      chart.draw();
+      if (ilns.isInSight(chart.box.closest(".card").id)) chart.draw();
     }
     for (const [parent, note] of Object.entries(nothing)) note.hidden = filled.has(parent);
   };

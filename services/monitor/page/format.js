@@ -59,6 +59,10 @@ ilns.h = (tag, attributes, ...children) => {
 
 ilns.byId = (id) => document.getElementById(id);
 
+/** The cards that are in sight, or nearly so; the others are drawn when they come. Where it cannot be known, all are. */
+ilns.inSight = new Set();
+ilns.isInSight = (id) => ilns.inSight.has(id) || !("IntersectionObserver" in window);
+
 /** Sets a text only where it differs, so that a screen reader and a selection are left in peace. */
 ilns.say = (element, text) => {
   if (element.textContent !== text) element.textContent = text;

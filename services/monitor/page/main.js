@@ -17,7 +17,8 @@
     const off = point && point.de !== null ? `, off ${fixed(Math.hypot(point.de, point.dn), 2)} m` : "";
     say(byId("where"), point && point.e !== null
       ? `E ${fixed(point.e, 2)}  N ${fixed(point.n, 2)}  U ${fixed(point.u, 2)} m  ±${fixed(Math.hypot(point.se, point.sn), 2)} m${off}` : "");
-    document.title = `${ilns.MODES[mode] ?? "–"} · ilns ${store.title}`;
+    const title = `${ilns.MODES[mode] ?? "–"} · ilns ${store.title}`;
+    if (document.title !== title) document.title = title;
     const [first, last] = store.range();
     const slider = byId("slider");
     slider.min = first;
@@ -27,11 +28,30 @@
     byId("end").setAttribute("aria-pressed", store.cursor === null);
   };
 
+  // What is out of sight costs nothing; it is drawn as soon as it comes.
+  const seen = "IntersectionObserver" in window && new IntersectionObserver((entries) => {
+    let isNew = false;
+    for (const { target, isIntersecting } of entries) {
+      if (isIntersecting) isNew ||= !ilns.inSight.has(target.id);
+      if (isIntersecting) ilns.inSight.add(target.id);
+      else ilns.inSight.delete(target.id);
+    }
+    if (!isNew) return;
+    all();
+    draw();
+  }, { rootMargin: "150px" });
+
+  /** Between two pictures of the tables of a live run, ms: numbers that change faster are not read. */
+  const TABLES = 900;
+  let tablesAt = 0;
+  const isTooSoon = (name) => name === "tables" && store.kind === "live" && store.cursor === null && Date.now() - tablesAt < TABLES;
+
   const draw = () => {
     if (document.hidden) return;
     header();
     for (const name of Object.keys(dirty)) {
-      if (!dirty[name]) continue;
+      if (!dirty[name] || isTooSoon(name)) continue;
+      if (name === "tables") tablesAt = Date.now();
       dirty[name] = false;
       views[name].draw();
     }
@@ -215,8 +235,9 @@
     linkShown();
     all();
     draw();
+    if (seen) document.querySelectorAll(".card").forEach((card) => seen.observe(card));
     // A few pictures a second are enough for the eye, and leave the machine to the navigation.
-    setInterval(draw, 200);
+    setInterval(draw, 400);
     setInterval(() => {
       dirty.charts ||= store.kind === "live" && store.cursor === null;
       watch();

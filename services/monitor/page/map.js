@@ -195,6 +195,7 @@ ilns.views.map = (() => {
   };
 
   const draw = () => {
+    if (!ilns.isInSight("map-card")) return;
     resize();
     const point = store.point();
     if (view.mode === "fit") fit();

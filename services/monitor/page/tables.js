@@ -10,9 +10,18 @@ ilns.views.tables = (() => {
       if (content && typeof content === "object") return h(tag, { class: content.class }, content.text);
       return h(tag, {}, content ?? "");
     };
-    byId(id).replaceChildren(
-      h("thead", {}, h("tr", {}, ...heads.map(cell("th")))),
-      h("tbody", {}, ...rows.map((row) => h("tr", { "data-state": row.state, [`data-${row.kind ?? "name"}`]: row.name }, ...row.cells.map(cell("td"))))));
+    const line = (row) => h("tr", { "data-state": row.state, [`data-${row.kind ?? "name"}`]: row.name }, ...row.cells.map(cell("td")));
+    const table = byId(id);
+    const body = table.tBodies[0];
+    // Only what has changed is put anew: laying out a table costs more than filling it.
+    if (body && body.rows.length === rows.length) {
+      rows.forEach((row, index) => {
+        const [old, fresh] = [body.rows[index], line(row)];
+        if (!old.isEqualNode(fresh)) old.replaceWith(fresh);
+      });
+      return;
+    }
+    table.replaceChildren(h("thead", {}, h("tr", {}, ...heads.map(cell("th")))), h("tbody", {}, ...rows.map(line)));
   };
 
   const state = (shown) => {
@@ -35,6 +44,13 @@ ilns.views.tables = (() => {
     ]);
   };
 
+  /** What the gate lets through: up to so many sigmas, for ranges from too long to too short. */
+  const gate = ({ is_gated: is, gate: limits }) => {
+    if (is === false) return "off";
+    if (!limits) return ilns.UNKNOWN;
+    return limits[0] < 0 ? `${fixed(limits[0], 0)}…${fixed(limits[1], 0)}` : fixed(limits[1], 1);
+  };
+
   const sensors = (shown) => {
     const rows = (shown?.sensors ?? []).map((row) => {
       // What came before the start, or is switched off, is not held against the sensor.
@@ -49,12 +65,12 @@ ilns.views.tables = (() => {
         kind: "sensor", name: row.sensor, state: silent ? "silent" : row.received ? "heard" : "none",
         cells: [ilns.key(ilns.SENSOR_COLOURS[row.sensor], row.sensor), { text: silent ? "silent" : fixed(row.rate, 1), class: silent ? "bad" : null },
           fixed(row.age, 1), { text: fixed(row.used_age, 1), class: "wide mid" },
-          { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null },
-          `${row.received}`, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
+          { text: fixed(row.innovation, 2), class: row.innovation > 3 ? "bad" : null }, gate(row),
+          { text: `${row.received}`, class: "narrow" }, { text: fixed(share, 1), class: share > 10 ? "warn" : null }, offset,
           { text: why, class: "text" }],
       };
     });
-    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide mid" }, "innov. σ", "received", "refused %", "offset ms",
+    fill("sensors", ["", "per s", "age s", { text: "used s", class: "wide mid" }, "innov. σ", "gate σ", { text: "received", class: "narrow" }, "refused %", "offset ms",
       { text: "why refused", class: "text" }], rows);
   };
 
@@ -139,7 +155,7 @@ ilns.views.tables = (() => {
     if (key === eventsShown) return;
     eventsShown = key;
     byId("events").replaceChildren(...seen.toReversed().map((event) =>
-      h("li", { "data-bad": event.is_bad }, `${fixed(event.t, 1)} s  ${event.what}`)));
+      h("li", { "data-bad": `${event.is_bad}` }, `${fixed(event.t, 1)} s  ${event.what}`)));
   };
 
   const draw = () => {
@@ -150,7 +166,7 @@ ilns.views.tables = (() => {
     byId("latency-card").hidden = isFinished && !(store.now?.histograms ?? []).length;
     byId("processes-card").hidden = isFinished && !(store.now?.processes ?? []).length;
     hops(store.now);
-    histograms(store.now);
+    if (ilns.isInSight("latency-card")) histograms(store.now);
     processes(store.now);
     events();
   };

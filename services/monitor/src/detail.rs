@@ -53,6 +53,9 @@ pub struct Factor {
     pub nis: f64,
     /// Robust weight in use, 1 at most.
     pub weight: f64,
+    /// What the gate lets through, in sigmas: of the whitened innovation of a range, else of √NIS.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gate: Option<[f64; 2]>,
 }
 
 /// A satellite fix and what became of it.

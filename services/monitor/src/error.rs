@@ -17,6 +17,9 @@ pub enum MonitorError {
     /// The page.
     #[error(transparent)]
     Web(#[from] crate::web::WebError),
+    /// Foxglove.
+    #[error(transparent)]
+    Foxglove(#[from] crate::foxglove::FoxgloveError),
     /// A page of one file that cannot be written.
     #[error("{}: cannot write the page", file.display())]
     Export {

@@ -11,6 +11,7 @@ mod compact;
 mod detail;
 mod error;
 mod finished;
+mod foxglove;
 mod history;
 mod keys;
 mod lines;
@@ -26,6 +27,7 @@ mod terminal;
 mod testing;
 mod web;
 
+pub use crate::foxglove::{FoxgloveArgs, FoxgloveError};
 pub use detail::{Factor, Fate, Fix, Histogram, Hop, KeyframeDetail, News, Ring};
 pub use error::MonitorError;
 pub use finished::{Finished, Run};

@@ -6,6 +6,7 @@ use shared_types::{
     channel,
 };
 
+use crate::foxglove::Foxglove;
 use crate::model::Model;
 
 /// Everything that the monitor listens to.
@@ -36,17 +37,36 @@ impl Inputs {
         })
     }
 
-    /// Folds everything that waits into `model`; how many messages that were.
-    pub(crate) fn drain(&mut self, model: &mut Model) -> u64 {
-        drain(&mut self.frame_origin, &channel::FRAME_ORIGIN, |message| model.frame_origin(message))
-            + drain(&mut self.buoys, &channel::BUOYS, |message| model.buoy(message))
-            + drain(&mut self.lbl, &channel::LBL, |message| model.lbl(message))
-            + drain(&mut self.gnss, &channel::GNSS, |message| model.gnss(message))
-            + drain(&mut self.truth, &channel::TRUTH, |message| model.truth(message))
-            + drain(&mut self.solution, &channel::SOLUTION, |message| model.solution(message))
-            + drain(&mut self.diagnostics, &channel::DIAGNOSTICS, |message| model.diagnostics(message))
-            + drain(&mut self.estimate, &channel::ESTIMATE, |message| model.estimate(message))
-            + drain(&mut self.health, &channel::HEALTH, |message| model.heartbeat(message))
+    /// Folds everything that waits into `model` and shows it to `live`; how many messages that were.
+    pub(crate) fn drain(&mut self, model: &mut Model, live: &mut Foxglove) -> u64 {
+        drain(&mut self.frame_origin, &channel::FRAME_ORIGIN, |message| {
+            model.frame_origin(message);
+            live.frame_origin(message);
+        }) + drain(&mut self.buoys, &channel::BUOYS, |message| {
+            model.buoy(message);
+            live.buoy(message);
+        }) + drain(&mut self.lbl, &channel::LBL, |message| {
+            model.lbl(message);
+            live.lbl(message);
+        }) + drain(&mut self.gnss, &channel::GNSS, |message| {
+            model.gnss(message);
+            live.gnss(message);
+        }) + drain(&mut self.truth, &channel::TRUTH, |message| {
+            model.truth(message);
+            live.truth(message);
+        }) + drain(&mut self.solution, &channel::SOLUTION, |message| model.solution(message))
+            + drain(&mut self.diagnostics, &channel::DIAGNOSTICS, |message| {
+                model.diagnostics(message);
+                live.diagnostics(message);
+            })
+            + drain(&mut self.estimate, &channel::ESTIMATE, |message| {
+                model.estimate(message);
+                live.estimate(message);
+            })
+            + drain(&mut self.health, &channel::HEALTH, |message| {
+                model.heartbeat(message);
+                live.heartbeat(message);
+            })
     }
 }
 

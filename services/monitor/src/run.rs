@@ -11,6 +11,7 @@ use tracing::warn;
 
 use crate::detail::News;
 use crate::error::MonitorError;
+use crate::foxglove::{Foxglove, FoxgloveArgs};
 use crate::model::Model;
 use crate::ports::Inputs;
 use crate::screen::{Screen, json, print};
@@ -56,6 +57,9 @@ pub struct Args {
     #[command(flatten)]
     #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
     pub web: WebArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
+    pub foxglove: FoxgloveArgs,
     /// Listen for a second, print what is known, and end.
     #[arg(long)]
     pub once: bool,
@@ -86,6 +90,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
         return look_once(args, shutdown, &mut inputs, &mut model);
     }
     let mut window = Window::open(args, &model.snapshot())?;
+    let mut live = open_foxglove(args, prefix.name())?;
     let mut health = bus.publisher(&channel::HEALTH)?;
     let mut heartbeat = HeartbeatBuilder::new(Process::Monitor, args.process.epoch);
     heartbeat.state = ProcessState::Running;
@@ -93,7 +98,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
 
     while !shutdown.requested() {
         let begun = monotonic_now();
-        heartbeat.handled += inputs.drain(&mut model);
+        heartbeat.handled += inputs.drain(&mut model, &mut live);
         model.settle(begun);
         let snapshot = model.snapshot();
         let news = model.take_news();
@@ -122,6 +127,24 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     heartbeat.state = ProcessState::Stopping;
     health.publish(heartbeat.build());
     Ok(())
+}
+
+fn open_foxglove(args: &Args, set: &str) -> Result<Foxglove, MonitorError> {
+    let is_alone = args.process.supervisor.is_none();
+    match Foxglove::open(&args.foxglove, set) {
+        // Navigation has begun: the other views are better than none.
+        Err(error) if !is_alone => {
+            warn!(%error, "Foxglove is not served");
+            Ok(Foxglove::default())
+        }
+        opened => {
+            let opened = opened?;
+            if let Some(address) = opened.address().filter(|_| is_alone) {
+                eprintln!("ilns monitor: Foxglove at ws://{address}");
+            }
+            Ok(opened)
+        }
+    }
 }
 
 /// As Ctrl-C would: the whole set, where this process belongs to one that was started from this terminal.
@@ -198,7 +221,7 @@ fn look_once(args: &Args, shutdown: &Shutdown, inputs: &mut Inputs, model: &mut 
     let end = monotonic_now() + LISTEN;
     while monotonic_now() < end && !shutdown.requested() {
         rest();
-        inputs.drain(model);
+        inputs.drain(model, &mut Foxglove::default());
         model.settle(monotonic_now());
     }
     let snapshot = model.snapshot();

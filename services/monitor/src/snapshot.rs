@@ -6,7 +6,7 @@ use core::fmt;
 use std::collections::BTreeMap;
 
 use serde::{Serialize, Serializer};
-use shared_types::{Duration, HopLatency, Mode, Process, ProcessState, Sensor, SolutionStatus};
+use shared_types::{Duration, HopLatency, Mode, Process, ProcessState, RejectReason, Sensor, SolutionStatus};
 
 use crate::compact::compact_json;
 use crate::detail::{Histogram, Hop, Ring};
@@ -220,6 +220,11 @@ pub struct SensorRow {
     pub is_silent: bool,
     /// Newest innovation of the sensor in its own sigmas, √(NIS / rows) over the factors of its newest keyframe.
     pub innovation: Option<f64>,
+    /// Whether a gate stood before the factors of that keyframe.
+    pub is_gated: Option<bool>,
+    /// What that lets through, as `innovation` is written: 0 to the largest √(NIS / rows), for ranges from the longest to the
+    /// shortest in sigmas of each.
+    pub gate: Option<[f64; 2]>,
     /// How much too late its stamps are found to be, s; `None` while nothing speaks against them.
     pub time_offset: Option<f64>,
     /// 1-sigma of that, s.
@@ -227,9 +232,14 @@ pub struct SensorRow {
 }
 
 impl SensorRow {
-    /// All refusals.
+    /// All refusals that are held against the sensor: not those of readings from before the start, or while it is switched off.
     pub fn rejected_total(&self) -> u64 {
-        self.rejected.values().sum()
+        self.rejected.iter().filter(|(reason, _)| SensorRow::is_blamed(reason)).map(|(_, count)| count).sum()
+    }
+
+    /// Whether a reason of refusal speaks against the sensor.
+    pub(crate) fn is_blamed(reason: &str) -> bool {
+        ![RejectReason::BeforeStart, RejectReason::Disabled].map(RejectReason::name).contains(&reason)
     }
 }
 

@@ -92,7 +92,7 @@ fn help() -> Vec<Line> {
 /// `page` is where a browser finds the same.
 fn tables(snapshot: &Snapshot, height: usize, page: Option<SocketAddr>) -> Vec<Line> {
     let at = |line: Line| match page {
-        Some(address) => line.then(Tone::Plain, format!("   page http://{address}")),
+        Some(address) => line.then(Tone::Plain, format!("   http://{address}")),
         None => line,
     };
     let mut lines = vec![title(snapshot), Line::default()];
@@ -214,8 +214,8 @@ fn place(snapshot: &Snapshot) -> Line {
 
 fn sensor_table(sensors: &[SensorRow]) -> Vec<Line> {
     let heading = format!(
-        "{:<6}{:>8}{:>8}{:>8}{:>8}{:>9}{:>6}{:>10}  {}",
-        "sensor", "per s", "age s", "used s", "innov", "received", "lost", "rejected", "why"
+        "{:<6}{:>7}{:>7}{:>7}{:>7}{:>7}{:>9}{:>5}{:>9}  {}",
+        "sensor", "per s", "age s", "used s", "innov", "gate", "received", "lost", "rejected", "why"
     );
     let mut lines = vec![Line::plain(heading)];
     lines.extend(sensors.iter().map(sensor_row));
@@ -224,23 +224,33 @@ fn sensor_table(sensors: &[SensorRow]) -> Vec<Line> {
 
 fn sensor_row(row: &SensorRow) -> Line {
     let mut reasons: Vec<(&str, u64)> = row.rejected.iter().map(|(&reason, &count)| (reason, count)).collect();
-    reasons.sort_by_key(|&(_, count)| core::cmp::Reverse(count));
+    reasons.sort_by_key(|&(reason, count)| (!SensorRow::is_blamed(reason), core::cmp::Reverse(count)));
     let mut reasons: Vec<String> = reasons.into_iter().map(|(reason, count)| format!("{reason} {count}")).collect();
     if let Some((offset, sigma)) = row.time_offset.zip(row.time_offset_sigma) {
         reasons.insert(0, format!("stamps {} ms late (1-sigma {})", fixed(offset * 1e3, 1), fixed(sigma * 1e3, 1)));
     }
     let silent = Tone::warning_if(row.is_silent);
     Line::plain(format!("{:<6}", row.sensor))
-        .then(silent, format!("{:>8}{:>8}", fixed(row.rate, 1), fixed(row.age, 1)))
-        .then(Tone::Plain, format!("{:>8}", fixed(row.used_age, 1)))
+        .then(silent, format!("{:>7}{:>7}", fixed(row.rate, 1), fixed(row.age, 1)))
+        .then(Tone::Plain, format!("{:>7}", fixed(row.used_age, 1)))
         .then(
             Tone::warning_if(row.innovation.is_some_and(|sigmas| sigmas > SUSPICIOUS)),
-            format!("{:>8}", fixed(row.innovation, 2)),
+            format!("{:>7}", fixed(row.innovation, 2)),
         )
-        .then(Tone::Plain, format!("{:>9}", row.received))
-        .then(Tone::warning_if(row.lost > 0), format!("{:>6}", row.lost))
-        .then(Tone::Plain, format!("{:>10}  {}", share(row), reasons.join(", ")))
+        .then(Tone::Plain, format!("{:>7}{:>9}", gate(row), row.received))
+        .then(Tone::warning_if(row.lost > 0), format!("{:>5}", row.lost))
+        .then(Tone::Plain, format!("{:>9}  {}", share(row), reasons.join(", ")))
         .trimmed()
+}
+
+/// What the gate lets through: up to so many sigmas, for ranges from too long to too short.
+fn gate(row: &SensorRow) -> String {
+    match (row.is_gated, row.gate) {
+        (Some(false), _) => "off".to_owned(),
+        (_, Some([low, high])) if low < 0.0 => format!("{low:.0}..{high:.0}"),
+        (_, Some([_, high])) => fixed(high, 1),
+        _ => UNKNOWN.to_owned(),
+    }
 }
 
 /// Refused readings of those received.

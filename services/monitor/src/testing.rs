@@ -16,7 +16,7 @@ use crate::model::Model;
 
 const SECOND: i64 = 1_000_000_000;
 
-const ORIGIN: [f64; 3] = [36.38, 127.36, 0.0];
+pub(crate) const ORIGIN: [f64; 3] = [36.38, 127.36, 0.0];
 
 /// The frame of every fixture.
 pub(crate) fn frame() -> LocalFrame {
@@ -116,13 +116,16 @@ pub(crate) fn solution_at(t: f64) -> Solution {
     }
 }
 
-/// Its report: six factors, of which one was refused.
+/// Its report: five ranges, of which one was refused, and a DVL velocity.
 pub(crate) fn report_at(t: f64) -> KeyframeReport {
     let mut factors = [FactorReport::default(); FACTORS_MAX];
     for factor in &mut factors[..6] {
-        *factor = FactorReport { rows: 2, nis: 1.9, ..FactorReport::default() };
+        let sensor = Sensor::Lbl as u32;
+        *factor = FactorReport { sensor, rows: 1, nis: 0.95, gate: [-4.0, 5.0], ..FactorReport::default() };
     }
-    factors[5] = FactorReport { refused: 1 + RejectReason::Gated as u32, nis: 40.0, rows: 1, ..factors[5] };
+    let gate = [0.0, 16.266_f64.sqrt()];
+    factors[4] = FactorReport { sensor: Sensor::Dvl as u32, rows: 3, nis: 2.85, gate, ..FactorReport::default() };
+    factors[5] = FactorReport { refused: 1 + RejectReason::Gated as u32, nis: 40.0, ..factors[5] };
     KeyframeReport {
         header: Header::at(Time::from_seconds(t)),
         solution: 123,
@@ -147,6 +150,7 @@ pub(crate) fn keyframe_at(t: f64) -> KeyframeDetail {
         whitened: vec![whitened],
         nis: whitened * whitened,
         weight: 1.0,
+        gate: Some([-4.0, 5.0]),
     };
     KeyframeDetail {
         t,

@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use ilns_recording::LogError;
-use ilns_recording::mcap::{ESTIMATE_PERIOD, McapWriter, RecorderStatus};
+use ilns_recording::mcap::{EstimateThinning, McapWriter, RecorderStatus};
 use ilns_runtime::monotonic_now;
 use shared_types::{Heartbeat, KeyframeReport, NavEstimate, RawReading, Time, Truth};
 use tracing::{error, info, warn};
@@ -65,7 +65,7 @@ pub(crate) struct McapLog {
     counts: Arc<Counts>,
     told: u64,
     has_origin: bool,
-    t_estimate: Option<i64>,
+    thinning: EstimateThinning,
 }
 
 /// Shared by both sides.
@@ -109,7 +109,7 @@ impl McapLog {
     }
 
     fn new(queue: Option<SyncSender<Entry>>, thread: Option<JoinHandle<()>>, counts: Arc<Counts>) -> McapLog {
-        McapLog { queue, thread, counts, told: 0, has_origin: false, t_estimate: None }
+        McapLog { queue, thread, counts, told: 0, has_origin: false, thinning: EstimateThinning::default() }
     }
 
     /// Takes the frame's origin, once.
@@ -121,9 +121,7 @@ impl McapLog {
 
     /// Takes an estimate where the file wants one: nine of ten would only wait to be passed over.
     pub(crate) fn estimate(&mut self, estimate: &NavEstimate) {
-        let t = estimate.header.t_valid;
-        if self.t_estimate.is_none_or(|last| t < last || t - last >= ESTIMATE_PERIOD.0) {
-            self.t_estimate = Some(t);
+        if self.thinning.wants(estimate) {
             self.take(|| Entry::Estimate(Box::new(*estimate)));
         }
     }

@@ -26,9 +26,10 @@ pub struct ReplayArgs {
     /// Corrections reach the published estimate so much data time later, as they do live. Milliseconds.
     #[arg(long, value_name = "MS", value_parser = parse_latency)]
     pub solve_latency: Option<Duration>,
-    /// Takes each correction at the estimate at which a live run took it: the estimate.csv of that run.
+    /// Takes each correction at the estimate at which a live run took it: the estimate.csv or recording.mcap of that run.
+    /// Given once for each MCAP of a recording of several, in their order.
     #[arg(long, value_name = "FILE", conflicts_with = "solve_latency")]
-    pub follow: Option<PathBuf>,
+    pub follow: Vec<PathBuf>,
     /// A fault to inject into the readings of the log, such as dvl.false_lock@600..660 or lbl.multipath=0.2 (drivers-sim/
     /// faults/README.md lists them). May be given several times; the span is seconds on the clock of the log.
     #[arg(long = "fault", value_name = "SPEC")]

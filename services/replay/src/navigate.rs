@@ -1,9 +1,9 @@
 //! A log directory through the navigator for somebody who wants to see everything that it says, not only the estimates.
 
 use std::collections::VecDeque;
-use std::path::Path;
+use std::path::PathBuf;
 
-use ilns_recording::{LogDirectory, read_estimates};
+use ilns_recording::{LogDirectory, mcap, read_estimates};
 use nav_pipeline::{Navigator, Output, Rebase};
 use shared_types::{
     Config, Duration, FrameOrigin, KeyframeReport, Message, NavEstimate, RawReading, SENSORS, SensorHealth, Solution,
@@ -32,17 +32,18 @@ pub trait Watcher {
     fn sensors(&mut self, health: &[SensorHealth; SENSORS.len()], t: Time);
 }
 
-/// Navigates the log; with `follow`, an `estimate.csv` of it, corrections reach the estimates when they did in that run.
+/// Navigates the log; with `follow`, the `estimate.csv` or the MCAP files of the same run, corrections reach the estimates when
+/// they did in that run.
 ///
 /// # Errors
 /// The log or `follow` cannot be read.
 pub fn navigate(
     log: &LogDirectory,
     config: &Config,
-    follow: Option<&Path>,
+    follow: &[PathBuf],
     watcher: &mut impl Watcher,
 ) -> Result<(), ReplayError> {
-    let rebase = follow.map_or(Ok(Rebase::After(Duration::ZERO)), as_recorded)?;
+    let rebase = if follow.is_empty() { Rebase::After(Duration::ZERO) } else { as_recorded(follow)? };
     let merged = log.merged()?;
     let mut navigator = Navigator::new(config, rebase);
     if !merged.is_recording() {
@@ -80,19 +81,24 @@ fn show(watcher: &mut impl Watcher, output: Output<'_>) {
     }
 }
 
-/// When each solution reached the estimates of `file`.
+/// When each solution reached the estimates of `files`: an `estimate.csv`, or the MCAP files of one recording.
 ///
 /// # Errors
-/// It cannot be read, or does not name the solutions.
-pub(crate) fn as_recorded(file: &Path) -> Result<Rebase, ReplayError> {
+/// One cannot be read, or does not name the solutions.
+pub(crate) fn as_recorded(files: &[PathBuf]) -> Result<Rebase, ReplayError> {
+    if files.iter().all(|file| file.extension().is_some_and(|extension| extension == "mcap")) {
+        return Ok(Rebase::AsRecorded(mcap::solutions(files)?.into()));
+    }
     let mut schedule = VecDeque::new();
-    for row in read_estimates(file)? {
-        let row = row?;
-        let Some(solution) = row.solution else {
-            return Err(ReplayError::NotFollowable { file: file.to_owned() });
-        };
-        if schedule.back().is_none_or(|&(_, last)| last != solution) {
-            schedule.push_back((row.t, solution));
+    for file in files {
+        for row in read_estimates(file)? {
+            let row = row?;
+            let Some(solution) = row.solution else {
+                return Err(ReplayError::NotFollowable { file: file.clone() });
+            };
+            if schedule.back().is_none_or(|&(_, last)| last != solution) {
+                schedule.push_back((row.t, solution));
+            }
         }
     }
     Ok(Rebase::AsRecorded(schedule))

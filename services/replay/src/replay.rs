@@ -41,9 +41,9 @@ pub fn run(args: &ReplayArgs) -> Result<(), ReplayError> {
 
 /// When corrections reach the published estimate.
 fn rebase(args: &ReplayArgs) -> Result<Rebase, ReplayError> {
-    match &args.follow {
-        Some(file) => as_recorded(file),
-        None => Ok(Rebase::After(args.solve_latency.unwrap_or(Duration::ZERO))),
+    match &args.follow[..] {
+        [] => Ok(Rebase::After(args.solve_latency.unwrap_or(Duration::ZERO))),
+        files => as_recorded(files),
     }
 }
 

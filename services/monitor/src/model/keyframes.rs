@@ -96,6 +96,7 @@ fn factor(report: &FactorReport) -> Option<Factor> {
         whitened: report.whitened[..rows].to_vec(),
         nis: report.nis,
         weight: report.weight,
+        gate: (report.gate != [0.0; 2]).then_some(report.gate),
     })
 }
 
@@ -139,6 +140,7 @@ mod tests {
             weight: 0.5,
             t_valid: 2_900_000_000,
             refused: 0,
+            gate: [-4.0, 5.0],
         };
         report.factors[1] = FactorReport { sensor: 99, ..FactorReport::default() };
         report.factor_count = 6;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use shared_types::{
-    AIDING, KeyframeReport, REJECT_REASONS, SENSORS, Sensor, SensorCounts, SensorHealth, Solution, Time,
+    AIDING, FactorReport, KeyframeReport, REJECT_REASONS, SENSORS, Sensor, SensorCounts, SensorHealth, Solution, Time,
 };
 
 use super::slope::Slope;
@@ -77,6 +77,8 @@ pub(super) struct Sensors {
     counts: [SensorCounts; SENSORS.len()],
     /// Innovation in sigmas at the newest keyframe that has the sensor.
     innovations: [Option<f64>; SENSORS.len()],
+    /// What its gate lets through there; twice 0 without one.
+    gates: [Option<[f64; 2]>; SENSORS.len()],
     /// Time offset and its 1-sigma, s.
     time_offsets: [Option<[f64; 2]>; SENSORS.len()],
 }
@@ -87,6 +89,7 @@ impl Sensors {
             lines: core::array::from_fn(|_| Line::new()),
             counts: Default::default(),
             innovations: Default::default(),
+            gates: Default::default(),
             time_offsets: Default::default(),
         }
     }
@@ -121,6 +124,9 @@ impl Sensors {
             if rows > 0 {
                 let nis: f64 = of_sensor().map(|factor| factor.nis).sum();
                 self.innovations[sensor.index()] = Some((nis / f64::from(rows)).sqrt());
+                let newest = of_sensor().rfind(|factor| factor.rows > 0);
+                let per_row = |factor: &FactorReport| factor.gate.map(|limit| limit / f64::from(factor.rows).sqrt());
+                self.gates[sensor.index()] = newest.map(per_row);
             }
         }
     }
@@ -153,6 +159,8 @@ impl Sensors {
             rejected,
             is_silent,
             innovation: self.innovations[sensor.index()],
+            is_gated: self.gates[sensor.index()].map(|gate| gate != [0.0; 2]),
+            gate: self.gates[sensor.index()].filter(|gate| *gate != [0.0; 2]),
             time_offset: self.time_offsets[sensor.index()].map(|[offset, _]| offset),
             time_offset_sigma: self.time_offsets[sensor.index()].map(|[_, sigma]| sigma),
         }
@@ -163,7 +171,7 @@ impl Sensors {
 mod tests {
     use super::*;
     use crate::testing::{report_at, solution_at};
-    use shared_types::{Duration, FactorReport, RejectReason};
+    use shared_types::{Duration, RejectReason};
 
     fn heard(received: u64, seconds: f64) -> [SensorHealth; 7] {
         let mut health = [SensorHealth::NONE; 7];
@@ -244,7 +252,15 @@ mod tests {
         for (factor, nis) in report.factors[..2].iter_mut().zip([1.0, 7.0]) {
             *factor = FactorReport { sensor: Sensor::Lbl as u32, rows: 1, nis, ..FactorReport::default() };
         }
-        report.factor_count = 2;
+        report.factors[1].gate = [-4.0, 5.0];
+        report.factors[2] = FactorReport {
+            sensor: Sensor::Dvl as u32,
+            rows: 3,
+            gate: [0.0, 12.0_f64.sqrt()],
+            ..FactorReport::default()
+        };
+        report.factors[3] = FactorReport { sensor: Sensor::Ps as u32, rows: 1, ..FactorReport::default() };
+        report.factor_count = 4;
         sensors.report(&report);
         report.factor_count = 0;
         sensors.report(&report);
@@ -254,6 +270,18 @@ mod tests {
         let lbl = sensors.row(Sensor::Lbl, None, None, false);
         assert_eq!((lbl.innovation, lbl.time_offset), (Some(2.0), None));
         let dvl = sensors.row(Sensor::Dvl, None, None, false);
-        assert_eq!((dvl.innovation, dvl.time_offset, dvl.time_offset_sigma), (None, Some(0.05), Some(0.01)));
+        assert_eq!((dvl.innovation, dvl.time_offset, dvl.time_offset_sigma), (Some(0.0), Some(0.05), Some(0.01)));
+        let gate = |sensor| {
+            let row = sensors.row(sensor, None, None, false);
+            (row.is_gated, row.gate)
+        };
+        assert_eq!(gate(Sensor::Lbl), (Some(true), Some([-4.0, 5.0])));
+        let (is_gated, limits) = gate(Sensor::Dvl);
+        assert_eq!(
+            (is_gated, limits.map(|[low, high]| [low, (high * 1e9).round() / 1e9])),
+            (Some(true), Some([0.0, 2.0]))
+        );
+        assert_eq!(gate(Sensor::Ps), (Some(false), None), "no gate stands before its factors");
+        assert_eq!(gate(Sensor::Gnss), (None, None), "nothing is known");
     }
 }

@@ -115,7 +115,7 @@ mod tests {
         let page = Sight { page: Some("127.0.0.1:8088".parse().expect("an address")), ..Sight::default() };
         for size in [(80, 24), (160, 50)] {
             let text = picture(&model.snapshot(), &trail(&model), &page, size, false);
-            assert!(text.contains("page http://127.0.0.1:8088"), "{text}");
+            assert!(text.contains(" http://127.0.0.1:8088"), "{text}");
         }
     }
 

@@ -26,11 +26,8 @@ pub(super) fn draw(trail: &Trail, axis: usize, area: Rect, buffer: &mut Buffer) 
     let Some(newest) = trail.newest().back() else { return };
     let begin = newest.t - SPAN;
     let shown: Vec<&Sample> = trail.newest().iter().filter(|sample| sample.t >= begin).collect();
-    let largest = shown
-        .iter()
-        .map(|sample| 3.0 * sample.sigma_enu[axis])
-        .chain(shown.iter().map(|sample| sample.error_enu[axis].abs()));
-    let largest = largest.filter(|x| x.is_finite()).fold(1e-3, f64::max);
+    let band = reach(shown.iter().map(|sample| 3.0 * sample.sigma_enu[axis]));
+    let largest = band.max(reach(shown.iter().map(|sample| sample.error_enu[axis].abs()))).max(1e-3);
     let error = if newest.error_enu[axis].is_finite() {
         format!("error {} m, ", fixed(newest.error_enu[axis], 3))
     } else {
@@ -54,6 +51,20 @@ pub(super) fn draw(trail: &Trail, axis: usize, area: Rect, buffer: &mut Buffer) 
             line(context, &shown, Color::Reset, |sample| sample.error_enu[axis]);
         })
         .render(chart, buffer);
+}
+
+/// How far a strip reaches: the first seconds of a run, or the last before a fix, must not flatten the rest, so that a tenth of
+/// what is shown may lie outside. 0 where there is nothing.
+fn reach(values: impl Iterator<Item = f64>) -> f64 {
+    const INSIDE: f64 = 0.9;
+    /// Room above.
+    const MARGIN: f64 = 1.2;
+    let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    match values.len() {
+        0 => 0.0,
+        count => MARGIN * values[((count - 1) as f64 * INSIDE).ceil() as usize],
+    }
 }
 
 fn line(context: &mut Context<'_>, shown: &[&Sample], colour: Color, value: impl Fn(&Sample) -> f64) {
@@ -102,5 +113,21 @@ fn of_sensor_colour(sensor: Sensor) -> Color {
         Sensor::Dvl => Color::Green,
         Sensor::Mcp => Color::Yellow,
         _ => Color::Cyan,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_short_peak_does_not_flatten_a_strip_and_what_lasts_is_in_sight() {
+        let mut values = vec![0.1; 95];
+        values.extend([50.0; 5]);
+        assert!((reach(values.iter().copied()) - 0.12).abs() < 1e-12);
+        values.extend([50.0; 20]);
+        assert!((reach(values.iter().copied()) - 60.0).abs() < 1e-12);
+        assert_eq!(reach([f64::NAN].into_iter()), 0.0);
+        assert!((reach([2.0].into_iter()) - 2.4).abs() < 1e-12);
     }
 }

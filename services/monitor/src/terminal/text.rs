@@ -57,13 +57,22 @@ impl Line {
         self
     }
 
-    /// The first `width` characters. Control characters, which could only come from a name, are left out.
+    /// The first `width` characters. A number or word that is cut goes altogether: half a number is another one. Control
+    /// characters, which could only come from a name, are left out.
     pub(super) fn render(&self, width: usize, colours: bool) -> String {
         let mut room = width;
         let mut line = String::new();
         for (tone, text) in &self.0 {
-            let piece: String = text.chars().filter(|letter| !letter.is_control()).take(room).collect();
+            let mut letters = text.chars().filter(|letter| !letter.is_control());
+            let mut piece: String = letters.by_ref().take(room).collect();
             room -= piece.chars().count();
+            if letters.next().is_some_and(|next| next != ' ')
+                && let Some(space) = piece.rfind(' ')
+                && space + 1 < piece.len()
+            {
+                piece.truncate(space + 1);
+                piece.push('…');
+            }
             match tone.colour().filter(|_| colours && !piece.is_empty()) {
                 Some(colour) => line.extend([colour, piece.as_str(), END_OF_COLOUR]),
                 None => line.push_str(&piece),
@@ -83,5 +92,14 @@ mod tests {
         assert_eq!(line.render(4, true), "ab\x1b[31mcσ\x1b[39m");
         assert_eq!(line.render(2, true), "ab");
         assert_eq!(line.render(9, false), "abcσde");
+    }
+
+    #[test]
+    fn a_number_that_does_not_fit_is_left_out_and_not_shown_by_halves() {
+        let line = Line::plain("gated 9, out_of_range 1234".to_owned());
+        assert_eq!(line.render(26, false), "gated 9, out_of_range 1234");
+        assert_eq!(line.render(24, false), "gated 9, out_of_range …");
+        assert_eq!(line.render(12, false), "gated 9, …");
+        assert_eq!(line.render(8, false), "gated 9,");
     }
 }

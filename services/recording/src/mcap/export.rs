@@ -12,9 +12,6 @@ use crate::error::LogError;
 use crate::log_writer::refuse_existing_log;
 use crate::text_file::TextFile;
 
-/// Characters of a message that an error shows.
-const SHOWN: usize = 60;
-
 /// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Exported {
@@ -56,7 +53,7 @@ fn check(file: &Path) -> Result<(), LogError> {
     let mut has_imu = false;
     read(file, &mut |item| {
         match item {
-            Item::Channel(channel) => has_imu |= topic_of(&channel).is_some_and(|topic| topic == Topic::ALL[0]),
+            Item::Channel(channel) => has_imu |= Topic::of(&channel).is_some_and(|topic| topic == Topic::ALL[0]),
             Item::Metadata(metadata) if metadata.name == FORMAT_RECORD => {
                 let found = metadata.metadata.get("format").cloned().unwrap_or_default();
                 if found.parse().is_ok_and(|format: u32| format > FORMAT) {
@@ -74,11 +71,6 @@ fn check(file: &Path) -> Result<(), LogError> {
     Ok(())
 }
 
-fn topic_of(channel: &::mcap::records::Channel) -> Option<Topic> {
-    let is_ours = channel.message_encoding == "json";
-    Topic::ALL.into_iter().find(|topic| is_ours && topic.name() == channel.topic)
-}
-
 struct Log<'a> {
     files: [Option<TextFile>; Topic::ALL.len()],
     rows: [u64; Topic::ALL.len()],
@@ -91,7 +83,8 @@ impl Log<'_> {
         let mut channels = BTreeMap::<u16, (Topic, LogFile)>::new();
         read(file, &mut |item| match item {
             Item::Channel(channel) => {
-                if let Some((topic, log_file)) = topic_of(&channel).and_then(|topic| Some((topic, topic.log_file()?))) {
+                if let Some((topic, log_file)) = Topic::of(&channel).and_then(|topic| Some((topic, topic.log_file()?)))
+                {
                     channels.insert(channel.id, (topic, log_file));
                 }
                 Ok(())
@@ -113,8 +106,7 @@ impl Log<'_> {
         let index = topic.index();
         self.rows[index] += 1;
         let fault = || {
-            let shown = String::from_utf8_lossy(message).chars().take(SHOWN).collect();
-            let fault = McapFault::Message { topic: topic.name(), number: self.rows[index], shown };
+            let fault = McapFault::message(topic.name(), self.rows[index], message);
             LogError::Mcap { file: mcap.to_owned(), fault }
         };
         let cells = flat_cells(message).ok_or_else(fault)?;

@@ -143,6 +143,15 @@ pub(crate) fn flat_cells(message: &[u8]) -> Option<Vec<(&str, &str)>> {
     Some(cells)
 }
 
+/// The text of the number under `key` of a message, as [`Object`] wrote it. `None` where there is none.
+pub(crate) fn number_of<'a>(message: &'a [u8], key: &str) -> Option<&'a [u8]> {
+    let name = [b"\"", key.as_bytes(), b"\":"].concat();
+    let begin = message.windows(name.len()).position(|window| window == name)? + name.len();
+    let rest = &message[begin..];
+    let length = rest.iter().position(|byte| b",}".contains(byte))?;
+    Some(&rest[..length])
+}
+
 #[cfg(test)]
 mod tests {
     #![expect(clippy::unwrap_used, reason = "a test may fail where it stands")]
@@ -175,5 +184,7 @@ mod tests {
         });
         assert_eq!(value, expected);
         assert!(flat_cells(&nested).is_none());
+        assert_eq!(number_of(&nested, "nsec"), Some(&b"500000000"[..]));
+        assert_eq!((number_of(&nested, "se"), number_of(b"{\"t\":1", "t")), (None, None));
     }
 }

@@ -130,6 +130,9 @@ fn factor(object: &mut Object<'_>, factor: &FactorReport) {
     }
     object.numbers(["nis", "weight"], [factor.nis, factor.weight]);
     object.array("whitened", &factor.whitened[..rows]);
+    if factor.gate != [0.0; 2] {
+        object.array("gate", &factor.gate);
+    }
 }
 
 pub(crate) fn heartbeat(text: &mut Vec<u8>, beat: &Heartbeat) {

@@ -14,6 +14,7 @@
 //! `log_time` is data time in ns (0 where it is negative, the message says the true one). Chunks are not compressed:
 //! a torn file is then readable up to its last byte, and the recorder's processor time stays with the vehicle.
 
+mod composer;
 mod export;
 mod inspect;
 mod json;
@@ -22,11 +23,16 @@ mod reader;
 mod recover;
 mod scene;
 mod schemas;
+mod solutions;
+mod thinning;
 mod topics;
 mod writer;
 
+pub use composer::{Composer, MessageChannel, MessageSink, message_channels};
 pub use export::{Exported, export};
 pub use inspect::{ChannelReport, Inspection, inspect};
 pub use reader::{Ending, McapFault};
 pub use recover::{Recovered, recover};
-pub use writer::{ESTIMATE_PERIOD, McapWriter, RecorderStatus};
+pub use solutions::solutions;
+pub use thinning::EstimateThinning;
+pub use writer::{McapWriter, RecorderStatus};

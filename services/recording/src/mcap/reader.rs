@@ -61,6 +61,16 @@ pub enum McapFault {
     },
 }
 
+impl McapFault {
+    /// [`McapFault::Message`] of the message numbered so, from 1.
+    pub(crate) fn message(topic: &'static str, number: u64, message: &[u8]) -> McapFault {
+        /// Characters of it that are shown.
+        const SHOWN: usize = 60;
+        let shown = String::from_utf8_lossy(message).chars().take(SHOWN).collect();
+        McapFault::Message { topic, number, shown }
+    }
+}
+
 /// How a file ends.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Ending {

@@ -197,7 +197,8 @@ pub(crate) const KEYFRAME_REPORT: &str = r#"{"title":"ilns.KeyframeReport","type
 "refused":{"type":"string","description":"reason; no key: the reading was used"},
 "nis":{"type":"number","description":"squared normalised innovation"},
 "weight":{"type":"number","description":"robust weight"},
-"whitened":{"type":"array","items":{"type":"number"},"description":"innovation in sigmas, predicted minus measured"}}}}}}"#;
+"whitened":{"type":"array","items":{"type":"number"},"description":"innovation in sigmas, predicted minus measured"},
+"gate":{"type":"array","items":{"type":"number"},"description":"what the gate lets through: of the innovation in sigmas for a range, else of the root of nis; no key: no gate"}}}}}}"#;
 
 pub(crate) const HEARTBEAT: &str = r#"{"title":"ilns.Heartbeat","type":"object","properties":{
 "process":{"type":"string"},

@@ -57,6 +57,12 @@ impl Topic {
         Topic::Recorder,
     ];
 
+    /// What a channel of a file holds; `None` for one of another program.
+    pub(crate) fn of(channel: &::mcap::records::Channel) -> Option<Topic> {
+        let is_ours = channel.message_encoding == "json";
+        Topic::ALL.into_iter().find(|topic| is_ours && topic.name() == channel.topic)
+    }
+
     /// Its place in [`Topic::ALL`].
     pub(crate) fn index(self) -> usize {
         match self {

@@ -11,24 +11,16 @@ use std::path::{Path, PathBuf};
 
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Attachment, McapError, WriteOptions, Writer};
-use nav_geometry::{Geodetic, LocalFrame};
-use shared_types::{BuoyFix, Duration, GnssFix, Heartbeat, KeyframeReport, Mode, NavEstimate, RawReading, Time, Truth};
+use shared_types::{Heartbeat, KeyframeReport, NavEstimate, RawReading, Time, Truth};
 
+use super::composer::{Composer, MessageSink};
 use super::topics::Topic;
-use super::{messages, scene};
 use crate::error::LogError;
-use crate::rows::LogRow;
 
 /// A chunk beyond this many bytes is ended before its flush is due.
 const CHUNK: u64 = 256 * 1024;
-/// Between two estimates of the file, data time: 20 Hz, what a view can show.
-pub const ESTIMATE_PERIOD: Duration = Duration(50_000_000);
-/// Between two scenes.
-const SCENE_PERIOD: Duration = Duration(1_000_000_000);
 /// Version of topics and messages, raised when the meaning of one changes.
 pub(crate) const FORMAT: u32 = 1;
-/// How an estimate becomes the text of a message.
-type Write = fn(&mut Vec<u8>, &NavEstimate);
 /// Name of the record that says it.
 pub(crate) const FORMAT_RECORD: &str = "ilns";
 /// The configuration's name among the attachments.
@@ -44,24 +36,34 @@ pub struct RecorderStatus {
 }
 
 /// A file under construction.
+#[derive(Debug)]
 pub struct McapWriter {
+    composer: Composer,
+    file: ChunkedFile,
+}
+
+/// The chunks of the file.
+struct ChunkedFile {
     writer: Writer<BufWriter<File>>,
     path: PathBuf,
     sequences: [u32; Topic::ALL.len()],
-    frame: Option<LocalFrame>,
-    origin: Option<[f64; 3]>,
-    buoys: BTreeMap<u32, BuoyFix>,
-    t_newest: i64,
-    t_estimate: Option<Time>,
-    t_scene: Option<Time>,
     bytes: u64,
-    text: Vec<u8>,
-    scratch: Vec<u8>,
 }
 
-impl std::fmt::Debug for McapWriter {
+impl std::fmt::Debug for ChunkedFile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("McapWriter").field("path", &self.path).field("bytes", &self.bytes).finish_non_exhaustive()
+        f.debug_struct("ChunkedFile").field("path", &self.path).field("bytes", &self.bytes).finish_non_exhaustive()
+    }
+}
+
+impl MessageSink for ChunkedFile {
+    fn put(&mut self, channel: usize, t_ns: i64, text: &[u8]) -> Result<(), LogError> {
+        let log_time = t_ns.max(0) as u64;
+        let sequence = self.sequences[channel];
+        self.sequences[channel] = sequence.wrapping_add(1);
+        let header = MessageHeader { channel_id: channel_id(channel), sequence, log_time, publish_time: log_time };
+        self.bytes += text.len() as u64;
+        self.writer.write_to_known_channel(&header, text).map_err(|error| fault(&self.path, error))
     }
 }
 
@@ -74,68 +76,34 @@ impl McapWriter {
         let path = path.as_ref().to_owned();
         let file = File::create_new(&path).map_err(LogError::io(&path, "create"))?;
         let writer = begin(file, config).map_err(|error| fault(&path, error))?;
-        Ok(McapWriter {
-            writer,
-            path,
-            sequences: [0; Topic::ALL.len()],
-            frame: None,
-            origin: None,
-            buoys: BTreeMap::new(),
-            t_newest: 0,
-            t_estimate: None,
-            t_scene: None,
-            bytes: 0,
-            text: Vec::new(),
-            scratch: Vec::new(),
-        })
+        let file = ChunkedFile { writer, path, sequences: [0; Topic::ALL.len()], bytes: 0 };
+        Ok(McapWriter { composer: Composer::new(), file })
     }
 
     /// The file.
     pub fn path(&self) -> &Path {
-        &self.path
+        &self.file.path
     }
 
     /// Bytes of messages so far.
     pub fn bytes(&self) -> u64 {
-        self.bytes
+        self.file.bytes
     }
 
     /// Data time of the newest reading or estimate.
     pub fn t_newest(&self) -> Time {
-        Time(self.t_newest)
+        self.composer.t_newest()
     }
 
-    /// Goes on in another file, which must not exist: what holds for the whole run (origin, moored buoys) is written again.
+    /// Goes on in another file, which must not exist: what holds for the whole run (origin, moored buoys) is written again;
+    /// the readings of buoys stand in the file before and are not repeated.
     ///
     /// # Errors
     /// As [`McapWriter::create`] and [`McapWriter::finish`].
     pub fn go_on_in(&mut self, path: impl AsRef<Path>, config: &str) -> Result<(), LogError> {
         let mut next = McapWriter::create(path, config)?;
-        next.t_newest = self.t_newest;
-        // Views draw them; the readings themselves stand in the file before and are not repeated.
-        next.buoys.clone_from(&self.buoys);
-        if let Some(origin) = self.origin {
-            next.origin(origin)?;
-        }
+        next.composer = self.composer.go_on(&mut next.file)?;
         std::mem::replace(self, next).finish()
-    }
-
-    fn put(&mut self, topic: Topic, t_ns: i64) -> Result<(), LogError> {
-        let index = topic.index();
-        let log_time = t_ns.max(0) as u64;
-        let sequence = self.sequences[index];
-        self.sequences[index] = sequence.wrapping_add(1);
-        let header = MessageHeader { channel_id: channel_id(index), sequence, log_time, publish_time: log_time };
-        self.bytes += self.text.len() as u64;
-        self.writer.write_to_known_channel(&header, &self.text).map_err(|error| fault(&self.path, error))
-    }
-
-    fn row<R: LogRow>(&mut self, topic: Topic, row: &R) -> Result<(), LogError> {
-        self.text.clear();
-        messages::row(&mut self.text, &mut self.scratch, row);
-        let t = row.header().t_valid;
-        self.t_newest = self.t_newest.max(t);
-        self.put(topic, t)
     }
 
     /// Appends a reading.
@@ -143,31 +111,7 @@ impl McapWriter {
     /// # Errors
     /// As those of every writing call: the operating system refused.
     pub fn reading(&mut self, reading: &RawReading) -> Result<(), LogError> {
-        let topic = Topic::Sensor(reading.sensor());
-        match reading {
-            RawReading::Imu(sample) => self.row(topic, sample),
-            RawReading::Lbl(range) => self.row(topic, range),
-            RawReading::Dvl(velocity) => self.row(topic, velocity),
-            RawReading::Mcp(heading) => self.row(topic, heading),
-            RawReading::Ps(depth) => self.row(topic, depth),
-            RawReading::Buoy(fix) => {
-                self.buoys.insert(fix.buoy, *fix);
-                self.row(topic, fix)
-            }
-            RawReading::Gnss(fix) => {
-                self.row(topic, fix)?;
-                self.gnss_location(fix)
-            }
-        }
-    }
-
-    fn gnss_location(&mut self, fix: &GnssFix) -> Result<(), LogError> {
-        if !(fix.lat_deg.is_finite() && fix.lon_deg.is_finite()) {
-            return Ok(());
-        }
-        self.text.clear();
-        messages::gnss_location(&mut self.text, fix);
-        self.put(Topic::GnssLocation, fix.header.t_valid)
+        self.composer.reading(reading, &mut self.file)
     }
 
     /// Appends a row of the truth.
@@ -175,7 +119,7 @@ impl McapWriter {
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn truth(&mut self, truth: &Truth) -> Result<(), LogError> {
-        self.row(Topic::Truth, truth)
+        self.composer.truth(truth, &mut self.file)
     }
 
     /// The frame's origin: latitude, longitude in degrees, ellipsoidal height in m. Only the first counts; it never moves.
@@ -183,47 +127,15 @@ impl McapWriter {
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn origin(&mut self, origin: [f64; 3]) -> Result<(), LogError> {
-        if self.frame.is_some() {
-            return Ok(());
-        }
-        let [lat_deg, lon_deg, height] = origin;
-        self.frame = Some(LocalFrame::new(Geodetic::from_degrees(lat_deg, lon_deg, height)));
-        self.origin = Some(origin);
-        self.text.clear();
-        messages::frame_origin(&mut self.text, origin);
-        self.put(Topic::FrameOrigin, self.t_newest)
+        self.composer.origin(origin, &mut self.file)
     }
 
-    /// Takes an estimate, and writes twenty a second of them; INITIALISING ones and those that are no numbers are passed over.
+    /// Takes an estimate, and writes it if [`super::EstimateThinning`] says so.
     ///
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn estimate(&mut self, estimate: &NavEstimate) -> Result<(), LogError> {
-        let t = Time(estimate.header.t_valid);
-        let is_due = |last: Option<Time>, period: Duration| last.is_none_or(|last| t < last || t - last >= period);
-        if !is_due(self.t_estimate, ESTIMATE_PERIOD) || estimate.mode() == Mode::Initialising || !is_finite(estimate) {
-            return Ok(());
-        }
-        self.t_estimate = Some(t);
-        self.t_newest = self.t_newest.max(t.0);
-        let writes: [(Topic, Write); 4] = [
-            (Topic::Estimate, messages::estimate),
-            (Topic::Pose, messages::pose_in_frame),
-            (Topic::Transform, messages::transforms),
-            (Topic::Location, messages::location),
-        ];
-        for (topic, write) in writes {
-            self.text.clear();
-            write(&mut self.text, estimate);
-            self.put(topic, t.0)?;
-        }
-        if let Some(frame) = self.frame.as_ref().filter(|_| is_due(self.t_scene, SCENE_PERIOD)) {
-            self.t_scene = Some(t);
-            self.text.clear();
-            scene::update(&mut self.text, estimate, frame, &self.buoys);
-            self.put(Topic::Scene, t.0)?;
-        }
-        Ok(())
+        self.composer.estimate(estimate, &mut self.file)
     }
 
     /// Appends what a keyframe held.
@@ -231,9 +143,7 @@ impl McapWriter {
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn report(&mut self, report: &KeyframeReport) -> Result<(), LogError> {
-        self.text.clear();
-        messages::keyframe_report(&mut self.text, report);
-        self.put(Topic::Diagnostics, report.t_keyframe)
+        self.composer.report(report, &mut self.file)
     }
 
     /// Appends what a process says of itself, at the data time of the newest reading: a process may know no other.
@@ -241,9 +151,7 @@ impl McapWriter {
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn heartbeat(&mut self, beat: &Heartbeat) -> Result<(), LogError> {
-        self.text.clear();
-        messages::heartbeat(&mut self.text, beat);
-        self.put(Topic::Health, self.t_newest)
+        self.composer.heartbeat(beat, &mut self.file)
     }
 
     /// Says what is missing and hands everything so far to the operating system, as whole chunks.
@@ -251,13 +159,13 @@ impl McapWriter {
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn flush(&mut self, status: RecorderStatus) -> Result<(), LogError> {
-        self.text.clear();
-        super::json::Object::write(&mut self.text, |object| {
+        let mut text = Vec::new();
+        super::json::Object::write(&mut text, |object| {
             object.whole("dropped", status.dropped);
             object.whole("lost", status.lost);
         });
-        self.put(Topic::Recorder, self.t_newest)?;
-        self.writer.flush().map_err(|error| fault(&self.path, error))
+        self.file.put(Topic::Recorder.index(), self.composer.t_newest().0, &text)?;
+        self.file.writer.flush().map_err(|error| fault(&self.file.path, error))
     }
 
     /// Writes summary and indexes and closes the file. Without it the file wants [`crate::mcap::recover`].
@@ -265,14 +173,8 @@ impl McapWriter {
     /// # Errors
     /// As [`McapWriter::reading`].
     pub fn finish(mut self) -> Result<(), LogError> {
-        self.writer.finish().map(drop).map_err(|error| fault(&self.path, error))
+        self.file.writer.finish().map(drop).map_err(|error| fault(&self.file.path, error))
     }
-}
-
-fn is_finite(estimate: &NavEstimate) -> bool {
-    let groups: [&[f64]; 4] =
-        [&estimate.position_enu, &estimate.q_enu_body, &estimate.position_cov, &estimate.lat_lon_h];
-    groups.into_iter().flatten().all(|value| value.is_finite())
 }
 
 /// Channel 0 is allowed, and other readers have stumbled over it.
