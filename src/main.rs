@@ -13,6 +13,7 @@ mod latency;
 mod plan;
 mod processes;
 mod recording;
+mod restarts;
 mod run;
 mod status;
 mod supervisor;
