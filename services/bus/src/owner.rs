@@ -4,7 +4,7 @@ use std::any::Any;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, flock};
@@ -42,7 +42,21 @@ impl Owner {
     /// [`BusError::InUse`] when somebody owns it, with his process number.
     pub fn take(prefix: &Prefix) -> Result<Owner, BusError> {
         let lock = lock(prefix)?;
-        wipe(prefix)?;
+        wipe(prefix, &[prefix.lock_file()])?;
+        Owner::set_up(prefix, lock)
+    }
+
+    /// As [`Owner::take`], but the folder of the run stays as a killed owner left it: for a set that goes on in its place.
+    ///
+    /// # Errors
+    /// As [`Owner::take`].
+    pub fn take_over(prefix: &Prefix) -> Result<Owner, BusError> {
+        let lock = lock(prefix)?;
+        wipe(prefix, &[prefix.lock_file(), prefix.run_directory()])?;
+        Owner::set_up(prefix, lock)
+    }
+
+    fn set_up(prefix: &Prefix, lock: File) -> Result<Owner, BusError> {
         let bus = Bus::enter(prefix, Process::Supervisor, 0)?;
         let mut creator = Creator { node: bus.node(), channels: Vec::new() };
         visit_channels(&mut creator)?;
@@ -89,7 +103,8 @@ impl Drop for Owner {
         self.channels.clear();
         self.bus = None;
         // The lock is still held: nobody can have begun anew under this prefix.
-        if let Err(error) = wipe(&self.prefix).and_then(|()| remove_directory(&self.prefix)) {
+        if let Err(error) = wipe(&self.prefix, &[self.prefix.lock_file()]).and_then(|()| remove_directory(&self.prefix))
+        {
             tracing::warn!(%error, "the prefix was not removed whole");
         }
     }
@@ -186,13 +201,13 @@ fn make_directory(prefix: &Prefix) -> Result<(), BusError> {
     }
 }
 
-/// Removes every shared memory object and file of the prefix but its lock. The lock must be held.
-fn wipe(prefix: &Prefix) -> Result<(), BusError> {
+/// Removes every shared memory object of the prefix, and what lies in its directory but for what is kept: the lock, which must be
+/// held, at least.
+fn wipe(prefix: &Prefix, kept: &[PathBuf]) -> Result<(), BusError> {
     let objects = prefix.object_prefix();
     remove_where(Path::new(SHARED_MEMORY), |name| name.starts_with(&objects))?;
     let directory = prefix.directory();
-    let lock = prefix.lock_file();
-    remove_where(&directory, |name| directory.join(name) != lock)
+    remove_where(&directory, |name| !kept.contains(&directory.join(name)))
 }
 
 fn remove_where(directory: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), BusError> {

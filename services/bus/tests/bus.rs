@@ -166,6 +166,28 @@ fn the_leftovers_of_a_killed_owner_are_wiped_by_the_next() {
 }
 
 #[test]
+fn whoever_takes_over_from_a_killed_owner_finds_the_folder_of_its_run_and_whoever_takes_the_prefix_does_not() {
+    let prefix = prefix("heir");
+    let kept = prefix.run_directory().join("kept");
+    let mut child = start("role_owner", &prefix);
+    eventually("the start of the owner", || Bus::join(&prefix, Process::Monitor, 0).is_ok());
+    std::fs::create_dir_all(prefix.run_directory()).expect("the owner has made its directory");
+    std::fs::write(&kept, "of the run").expect("writable");
+    child.0.kill().expect("it lives");
+    child.0.wait().expect("it was killed");
+    let heir = Owner::take_over(&prefix).expect("the lock died with its holder");
+    assert!(kept.exists());
+    let sender = Bus::join(&prefix, Process::EmulatorPs, 0).expect("owned");
+    sender.publisher(&channel::PS).expect("room").publish(depth(1.0));
+    drop(sender);
+    // As if killed, too: its destructor does not run.
+    std::mem::forget(heir);
+    std::fs::remove_file(prefix.directory().join("lock")).expect("the test holds the lock");
+    Owner::take(&prefix).expect("the lock is gone").close();
+    assert_eq!(leftovers(&prefix), Vec::<String>::new());
+}
+
+#[test]
 fn a_late_reader_gets_the_latched_message() {
     let prefix = prefix("late");
     let _owner = Owner::take(&prefix).expect("free");
