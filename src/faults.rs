@@ -125,6 +125,10 @@ fn trials(
     let mut victims = bench.victims();
     victims.push(Process::Supervisor);
     let limit = monotonic_now() + (args.duration * 1e9) as i64;
+    match bench.carry_out(&Class::CLEAN) {
+        Err(BenchError::Stopped) => {}
+        found => matrix.enter(&Class::CLEAN, &found?),
+    }
     let mut others = if args.kills_only { Vec::new() } else { besides_kills(&victims) };
     others.reverse();
     let mut kills = 0;
@@ -144,7 +148,7 @@ fn trials(
             Err(BenchError::Stopped) => break,
             other => other?,
         };
-        info!(fault = %class, back_s = found.back, gap_ns = found.figures.gap, step = found.figures.step, "done");
+        info!(fault = %class, back_s = found.back, figures = ?found.figures, "done");
         kills += class.kills();
         matrix.enter(&class, &found);
         if bench.is_spent() {

@@ -136,6 +136,8 @@ pub fn run(args: &RunArgs) -> Outcome {
     let mono = monotonic_now() + LEAD;
     let clock = match left {
         Some(left) => {
+            // Every moment of waiting is a gap in the readings; who comes late to the IMU finds its history.
+            let mono = monotonic_now();
             warn!("going on where a run under this prefix was killed");
             StartClock { data: left.data_at(mono), mono, rate: left.rate }
         }

@@ -164,6 +164,10 @@ impl Bench {
     /// Does what the class says; returns the monotonic time from which on the victim may be back.
     fn act(&mut self, class: &Class) -> Result<i64, BenchError> {
         match class.deed {
+            Deed::Nothing => {
+                self.until(10 * SECOND, |_| false);
+                Ok(monotonic_now())
+            }
             Deed::Kill => self.kill(class.victim),
             Deed::KillTwice => {
                 let first = self.kill(class.victim)?;

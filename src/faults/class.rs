@@ -7,6 +7,8 @@ use shared_types::Process;
 /// What is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Deed {
+    /// Nothing for 10 s: what the others are held against.
+    Nothing,
     /// `kill -9`.
     Kill,
     /// `kill -9`, and again while the process that comes in its place starts.
@@ -51,7 +53,7 @@ pub(super) enum Expect {
     Declared(f64),
     /// The process is back: its heartbeat, or for those of the fast path a valid estimate.
     Back(f64),
-    /// Largest step, sigmas.
+    /// Largest step, sigmas, or what there was while nothing was done, where that is more.
     Step(f64),
     /// A line of the log holds this.
     Says(&'static str),
@@ -70,6 +72,7 @@ impl fmt::Display for Class {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let victim = self.victim.name();
         match self.deed {
+            Deed::Nothing => write!(f, "nothing done for 10 s"),
             Deed::Kill => write!(f, "{victim}: kill -9"),
             Deed::KillTwice => write!(f, "{victim}: kill -9, again in its start"),
             Deed::Stop => write!(f, "{victim}: stopped for 0.05 to 2 s"),
@@ -87,9 +90,13 @@ impl fmt::Display for Class {
 }
 
 impl Class {
-    /// Its number in the catalogue.
+    /// What the others are held against.
+    pub(super) const CLEAN: Class = Class { victim: Process::Supervisor, deed: Deed::Nothing };
+
+    /// Its number in the catalogue; 0 where nothing is done.
     pub(super) fn number(&self) -> u8 {
         match (self.deed, self.victim) {
+            (Deed::Nothing, _) => 0,
             (Deed::Kill | Deed::KillTwice, Process::EmulatorImu) => 1,
             (Deed::Stop, Process::EmulatorImu) => 2,
             (Deed::Kill | Deed::KillTwice, Process::Supervisor) => 28,
@@ -125,6 +132,7 @@ impl Class {
     pub(super) fn expectations(&self) -> Vec<Expect> {
         use Expect::{Back, Declared, Gap, NoGap, Says, Step};
         match (self.deed, self.victim) {
+            (Deed::Nothing, _) => vec![NoGap],
             (Deed::Kill, Process::EmulatorImu) => vec![Declared(0.02), Back(0.5), Step(3.0)],
             (Deed::KillTwice, Process::EmulatorImu) => vec![Declared(0.02), Back(1.0), Step(3.0)],
             (Deed::Kill | Deed::KillTwice, Process::Supervisor) => vec![Back(2.0), Step(3.0)],

@@ -42,21 +42,21 @@ impl Expect {
     }
 
     /// The figure, and whether it is as expected.
-    fn judge(self, found: &Found) -> (f64, bool) {
+    fn judge(self, found: &Found, clean: &Figures) -> (f64, bool) {
         let at_most = |figure: f64, limit: f64| (figure, figure <= limit);
         match self {
             Expect::NoGap => (found.figures.gap as f64 * 1e-9, found.figures.gap <= PERIOD),
             Expect::Gap(limit) => at_most(found.figures.gap as f64 * 1e-9, limit),
             Expect::Declared(limit) => at_most(found.declared.unwrap_or(f64::INFINITY), limit),
             Expect::Back(limit) => at_most(found.back.unwrap_or(f64::INFINITY), limit),
-            Expect::Step(limit) => at_most(found.figures.step, limit),
+            Expect::Step(limit) => at_most(found.figures.step, limit.max(clean.step)),
             Expect::Says(_) => (f64::from(u8::from(found.said)), found.said),
         }
     }
 }
 
 /// What was not as expected, by name.
-fn misses(class: &Class, found: &Found) -> Vec<(String, f64)> {
+fn misses(class: &Class, found: &Found, clean: &Figures) -> Vec<(String, f64)> {
     let mut misses = Vec::new();
     if found.collapsed {
         misses.push(("the set goes on".to_owned(), f64::INFINITY));
@@ -67,7 +67,7 @@ fn misses(class: &Class, found: &Found) -> Vec<(String, f64)> {
     if found.figures.worst > HAZARD {
         misses.push((format!("error <= {HAZARD} sigma"), found.figures.worst));
     }
-    let own = class.expectations().into_iter().map(|expect| (expect.name(), expect.judge(found)));
+    let own = class.expectations().into_iter().map(|expect| (expect.name(), expect.judge(found, clean)));
     misses.extend(own.filter(|(_, (_, is_met))| !is_met).map(|(name, (figure, _))| (name, figure)));
     misses
 }
@@ -114,6 +114,8 @@ struct Account {
 #[derive(Debug, Default)]
 pub(super) struct Matrix {
     accounts: BTreeMap<(u8, Class), Account>,
+    /// While nothing was done.
+    clean: Figures,
     /// Files and shared memory objects that a set has left, by name.
     leftovers: Vec<String>,
     /// Sets that were stopped, and those that ended with another code than 0.
@@ -153,8 +155,11 @@ pub(super) struct Asked {
 impl Matrix {
     /// One trial.
     pub(super) fn enter(&mut self, class: &Class, found: &Found) {
+        if *class == Class::CLEAN {
+            self.clean = self.clean.and(found.figures);
+        }
+        let missed = misses(class, found, &self.clean);
         let account = self.accounts.entry((class.number(), *class)).or_default();
-        let missed = misses(class, found);
         account.runs += 1;
         account.passed += u64::from(missed.is_empty());
         account.figures = account.figures.and(found.figures);
@@ -207,7 +212,7 @@ fn row(class: &Class, account: &Account) -> Row {
     back.sort_by(f64::total_cmp);
     let Figures { worst, outside, compared, gap, silence, step, not_finite, .. } = account.figures;
     Row {
-        class: format!("F{}", class.number()),
+        class: if class.number() == 0 { "–".to_owned() } else { format!("F{}", class.number()) },
         fault: class.to_string(),
         runs: account.runs,
         passed: account.passed,
@@ -234,7 +239,7 @@ impl Report {
             "|---|---|---|---|---|---|---|---|---|---|---|---|---|".to_owned(),
         ];
         let mut missing = self.missing.iter().peekable();
-        let number = |class: &str| class[1..].parse::<u8>().unwrap_or(u8::MAX);
+        let number = |class: &str| class.strip_prefix('F').and_then(|number| number.parse().ok()).unwrap_or(0_u8);
         let absent = |class: &str, why: &str| format!("| {class} | {why} |{}", " – |".repeat(11));
         for row in &self.rows {
             while let Some((class, why)) = missing.next_if(|(class, _)| number(class) < number(&row.class)) {
@@ -335,7 +340,8 @@ mod tests {
     fn numbers_that_are_none_and_victims_that_stay_away_are_violations() {
         let class = Class { victim: Process::Solver, deed: Deed::Kill };
         let found = Found { figures: Figures { not_finite: 1, ..Figures::default() }, ..Found::default() };
-        let names: Vec<String> = misses(&class, &found).into_iter().map(|(name, _)| name).collect();
+        let names: Vec<String> =
+            misses(&class, &found, &Figures::default()).into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, ["finite", "back <= 0.5 s"]);
     }
 }

@@ -212,16 +212,17 @@ fn a_restarted_reader_catches_up_from_the_history_of_the_imu() {
     let _owner = Owner::take(&prefix).expect("free");
     let sender = Bus::join(&prefix, Process::EmulatorImu, 0).expect("owned");
     let mut publisher = sender.publisher(&channel::IMU).expect("room");
-    for _ in 0..600 {
+    let history = channel::IMU.spec.history as u64;
+    for _ in 0..history + 88 {
         publisher.publish_quietly(imu());
     }
     let reader = Bus::join(&prefix, Process::Propagator, 1).expect("owned");
     let mut samples = reader.subscriber(&channel::IMU).expect("room");
     publisher.publish(imu());
     let first = samples.receive().expect("history").header.sequence;
-    assert_eq!(first, 600 - channel::IMU.spec.history as u64);
+    assert_eq!(first, 88);
     while samples.receive().is_some() {}
-    assert_eq!(samples.received(), channel::IMU.spec.history as u64 + 1);
+    assert_eq!(samples.received(), history + 1);
     assert_eq!(samples.losses(), Losses::default());
 }
 
