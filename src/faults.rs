@@ -34,8 +34,8 @@ pub struct FaultsArgs {
     /// injected into replays by `cargo run --release -p experiments -- faults`.)
     #[arg(long, required = true)]
     live: bool,
-    /// How often processes are killed (kill -9), at random times, their starts included; after each kill the set has to come
-    /// back by itself.
+    /// How often processes are killed (kill -9), at random times, their starts included; one in fifty is the supervisor. After
+    /// each kill the set has to come back by itself.
     #[arg(long, value_name = "N", default_value_t = 100)]
     kills: u64,
     /// Kill only; without it, processes are also stopped and slowed down, checkpoints spoilt, disks filled and cores kept busy.
@@ -63,6 +63,9 @@ pub struct FaultsArgs {
     #[arg(long, value_name = "LEVEL", default_value = "warn")]
     log_level: String,
 }
+
+/// One in so many kills is that of the supervisor.
+const SUPERVISOR: u32 = 50;
 
 /// A table that cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -138,7 +141,10 @@ fn trials(
         let class = match others.pop_if(|_| is_turn) {
             Some(class) => class,
             None if kills < args.kills => {
-                let victim = victims[bench.below(victims.len() as u32) as usize];
+                // Its death stands for a whole new set, which takes as long as twenty others.
+                let is_supervisor = bench.below(SUPERVISOR) == 0;
+                let others = victims.len() as u32 - 1;
+                let victim = if is_supervisor { Process::Supervisor } else { victims[bench.below(others) as usize] };
                 let twice = args.kills - kills >= 2 && bench.below(4) == 0;
                 Class { victim, deed: if twice { Deed::KillTwice } else { Deed::Kill } }
             }

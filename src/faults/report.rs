@@ -36,7 +36,7 @@ impl Expect {
             Expect::Gap(limit) => format!("gap <= {limit} s"),
             Expect::Declared(limit) => format!("INVALID <= {limit} s"),
             Expect::Back(limit) => format!("back <= {limit} s"),
-            Expect::Step(limit) => format!("step <= {limit} sigma"),
+            Expect::Step(limit) => format!("step <= {limit} sigma or clean"),
             Expect::Says(line) => format!("says \"{line}\""),
         }
     }

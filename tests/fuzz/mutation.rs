@@ -115,7 +115,7 @@ pub fn fuzz<T: core::fmt::Debug>(
     if let Err(failure) = TestRunner::new_with_rng(config, rng).run(&drawn, check) {
         panic!("{parser}: {failure}");
     }
-    println!("fuzz: {parser}: {executions} executions in {:.1} s", begun.elapsed().as_secs_f64());
+    eprintln!("fuzz: {parser}: {executions} executions in {:.1} s", begun.elapsed().as_secs_f64());
 }
 
 /// A spoilt file.
