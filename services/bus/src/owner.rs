@@ -87,6 +87,9 @@ impl Owner {
     /// Gives back what dead processes held; call it after a child's death and before its restart. Returns how many dead
     /// processes were cleaned up after.
     pub fn cleanup_dead_nodes(&self) -> u64 {
+        if let Err(error) = remove_unborn(&self.prefix) {
+            tracing::warn!(%error, "what a dead process was just creating was not removed");
+        }
         let state = self.bus().node().try_cleanup_dead_nodes();
         if state.failed_cleanups > 0 {
             tracing::warn!(failed = state.failed_cleanups, "could not clean up after a dead process");
@@ -208,6 +211,25 @@ fn wipe(prefix: &Prefix, kept: &[PathBuf]) -> Result<(), BusError> {
     remove_where(Path::new(SHARED_MEMORY), |name| name.starts_with(&objects))?;
     let directory = prefix.directory();
     remove_where(&directory, |name| !kept.contains(&directory.join(name)))
+}
+
+/// Removes shared memory objects that a process was just creating when it was killed: they have a name, and no size yet.
+///
+/// The layer waits for their creator without end (in 0.10.0 an object without size is not held against its time-out), and with it
+/// whoever opens or cleans up such a connection: first of all the owner, and then nobody is started again.
+fn remove_unborn(prefix: &Prefix) -> Result<(), BusError> {
+    let objects = prefix.object_prefix();
+    let directory = Path::new(SHARED_MEMORY);
+    let is_empty = |name: &str| fs::metadata(directory.join(name)).is_ok_and(|data| data.len() == 0);
+    remove_where(directory, |name| name.starts_with(&objects) && is_empty(name) && names_a_dead_process(name))
+}
+
+/// Whether a port named in an object's name is that of a process that is gone. A port's number is that of the layer's
+/// `UniqueSystemId`: seconds, nanoseconds, process and a counter of 32 bits each, the first the lowest.
+fn names_a_dead_process(name: &str) -> bool {
+    let ports = name.split(['_', '.']).filter_map(|part| part.parse::<u128>().ok());
+    let mut processes = ports.map(|port| (port >> 64) as u32).filter(|&pid| pid != 0);
+    processes.any(|pid| !Path::new("/proc").join(pid.to_string()).exists())
 }
 
 fn remove_where(directory: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), BusError> {

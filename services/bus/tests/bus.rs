@@ -188,6 +188,37 @@ fn whoever_takes_over_from_a_killed_owner_finds_the_folder_of_its_run_and_whoeve
 }
 
 #[test]
+fn a_connection_that_a_killed_process_was_just_creating_does_not_hang_the_owner() {
+    let prefix = prefix("unborn");
+    let owner = Owner::take(&prefix).expect("free");
+    let sender = Bus::join(&prefix, Process::EmulatorPs, 0).expect("owned");
+    let mut publisher = sender.publisher(&channel::PS).expect("room");
+    let mut child = start("role_reader", &prefix);
+    eventually("the reader", || publisher.publish(depth(1.0)).delivered == 1);
+    let connection = leftovers(&prefix).into_iter().find(|name| name.ends_with(".connection")).expect("there is one");
+    child.0.kill().expect("it lives");
+    child.0.wait().expect("it was killed");
+    // Another one to the same reader, of a sender of the same dead process, as it is between its creation and its first size.
+    let (start, reader) = connection.rsplit_once('_').expect("sender and reader");
+    let (channel, _) = start.rsplit_once('_').expect("channel and sender");
+    let id: u128 = reader.trim_end_matches(".connection").parse().expect("a number");
+    let unborn = std::path::Path::new("/dev/shm").join(format!("{channel}_{}_{reader}", id + 1));
+    std::fs::write(&unborn, []).expect("writable");
+    assert_eq!(owner.cleanup_dead_nodes(), 1);
+    assert!(!unborn.exists());
+    // What the living are just creating is left alone.
+    let mine = (u128::from(std::process::id()) << 64) | 7;
+    let alive = std::path::Path::new("/dev/shm").join(format!("{channel}_{mine}_{mine}.connection"));
+    std::fs::write(&alive, []).expect("writable");
+    owner.cleanup_dead_nodes();
+    assert!(alive.exists());
+    drop(publisher);
+    drop(sender);
+    owner.close();
+    assert_eq!(leftovers(&prefix), Vec::<String>::new());
+}
+
+#[test]
 fn a_late_reader_gets_the_latched_message() {
     let prefix = prefix("late");
     let _owner = Owner::take(&prefix).expect("free");
