@@ -9,6 +9,8 @@ use ilns_runtime::monotonic_now;
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 use shared_types::{Heartbeat, Process, ProcessState};
 
+use crate::restarts::{Death, Restarts, Verdict};
+
 /// What is started.
 #[derive(Clone, Debug)]
 pub struct ChildPlan {
@@ -22,17 +24,12 @@ pub struct ChildPlan {
 
 const SECOND: i64 = 1_000_000_000;
 
-/// A process that lived so long was in its loop: its death is an accident, not a habit.
-const SETTLED: i64 = 2 * SECOND;
-
-/// Deaths of its own in a row, none of them after a settled life, after which a process is given up.
-const DEATHS: u32 = 6;
-
-/// Wait before the second restart of such a row; it doubles with each.
-const BACK_OFF: i64 = SECOND / 10;
-
 /// A running process without a heartbeat for so long hangs (or was stopped) and is killed.
 const SILENCE: i64 = 5 * SECOND;
+
+/// A process that has not said a word for so long after its start hangs, too: none has more to do before its first than to
+/// go through the readings of a long log.
+const START_LIMIT: i64 = 30 * SECOND;
 
 /// A process of the set.
 #[derive(Debug)]
@@ -44,8 +41,7 @@ pub struct Child {
     /// How often it was started again.
     pub restarts: u32,
     running: Option<Running>,
-    /// Deaths of its own in a row.
-    deaths: u32,
+    history: Restarts,
     /// When it may be started again, monotonic ns.
     restart_at: i64,
 }
@@ -57,12 +53,15 @@ struct Running {
     end: OwnedFd,
     since: i64,
     heard: i64,
+    /// It was killed because it hung.
+    hung: bool,
 }
 
 impl Child {
     /// Not started yet.
     pub fn new(plan: ChildPlan) -> Child {
-        Child { plan, state: ProcessState::Starting, restarts: 0, running: None, deaths: 0, restart_at: i64::MIN }
+        let history = Restarts::default();
+        Child { plan, state: ProcessState::Starting, restarts: 0, running: None, history, restart_at: i64::MIN }
     }
 
     /// Which process.
@@ -94,10 +93,13 @@ impl Child {
             // Ctrl-C is for the supervisor, which stops the others in order.
             command.stdin(Stdio::null()).stdout(Stdio::null()).process_group(0);
         }
-        let handle = command.spawn()?;
-        let end = pidfd_open(pid_of(&handle), PidfdFlags::empty())?;
+        let mut handle = command.spawn()?;
+        let end = pidfd_open(pid_of(&handle), PidfdFlags::empty()).inspect_err(|_| {
+            // It must not run on unwatched beside the next one. It is a child that has not been waited for: it can be killed.
+            let _ = handle.kill().and_then(|()| handle.wait());
+        })?;
         let now = monotonic_now();
-        self.running = Some(Running { handle, end, since: now, heard: now });
+        self.running = Some(Running { handle, end, since: now, heard: now, hung: false });
         self.state = ProcessState::Starting;
         Ok(())
     }
@@ -119,32 +121,43 @@ impl Child {
         // A process that cannot be waited for is gone, too.
         let status = running.handle.try_wait().unwrap_or_else(|_| Some(ExitStatus::default()))?;
         let now = monotonic_now();
-        let had_settled = now - running.since >= SETTLED;
+        let death = if was_killed(status) && !running.hung { Death::Killed } else { Death::Own };
+        let life = now - running.since;
         self.running = None;
-        if was_killed(status) {
-            self.restart_at = if had_settled { now } else { now + BACK_OFF };
-        } else {
-            self.deaths = if had_settled { 1 } else { self.deaths + 1 };
-            self.restart_at = if self.deaths < 2 { now } else { now + (BACK_OFF << (self.deaths - 2)) };
-        }
-        self.state = if self.deaths < DEATHS { ProcessState::Restarting } else { ProcessState::Failed };
+        self.died(death, now, life);
         Some(status)
     }
 
-    /// Starts it again if that is due.
+    fn died(&mut self, death: Death, now: i64, life: i64) {
+        match self.history.after(death, now, life) {
+            Verdict::RestartAt(at) => {
+                self.state = ProcessState::Restarting;
+                self.restart_at = at;
+            }
+            Verdict::GivenUp => self.state = ProcessState::Failed,
+        }
+    }
+
+    /// Starts it again if that is due. A start that the system refuses is a death like another.
     pub fn restart_if_due(&mut self, common: &[OsString]) -> std::io::Result<bool> {
         if self.state != ProcessState::Restarting || self.running.is_some() || monotonic_now() < self.restart_at {
             return Ok(false);
         }
         self.restarts += 1;
-        self.start(common)?;
+        self.start(common).inspect_err(|_| self.died(Death::Own, monotonic_now(), 0))?;
         Ok(true)
     }
 
-    /// Whether it was in its loop and has been silent for too long.
-    pub fn hangs(&self) -> bool {
-        let silent = |running: &Running| monotonic_now() - running.heard > SILENCE;
-        self.state != ProcessState::Starting && self.running.as_ref().is_some_and(silent)
+    /// Kills it if it has been silent for too long, and says for how long (s) that is.
+    pub fn kill_if_hung(&mut self) -> Option<i64> {
+        let limit = if self.state == ProcessState::Starting { START_LIMIT } else { SILENCE };
+        let running = self.running.as_mut().filter(|running| !running.hung)?;
+        if monotonic_now() - running.heard <= limit {
+            return None;
+        }
+        running.hung = true;
+        self.signal(Signal::KILL);
+        Some(limit / SECOND)
     }
 
     /// Sends it a signal if it lives.

@@ -21,7 +21,7 @@ use crate::plan::{Wishes, children, common_arguments};
 use crate::supervisor::Supervisor;
 
 mod consumer;
-mod load;
+pub mod load;
 mod mission;
 mod page_faults;
 mod reference;

@@ -8,11 +8,14 @@ use ilns_runtime::exit_with;
 use sim_emulators::simulate::SimulateArgs;
 
 mod child;
+mod faults;
 mod hold;
 mod latency;
+mod legacy;
 mod plan;
 mod processes;
 mod recording;
+mod restarts;
 mod run;
 mod status;
 mod supervisor;
@@ -52,6 +55,8 @@ enum Command {
     Plot(PlotArgs),
     /// Measure how long a sample takes to an estimate and to a consumer, beside bare hops in the same run.
     Latency(latency::LatencyArgs),
+    /// Do to a running set what goes wrong at sea: kill, stop, starve its processes, and say what its estimates made of it.
+    Faults(faults::FaultsArgs),
     /// Send the bare messages that `latency` measures beside its own.
     #[command(name = latency::SENDER, hide = true)]
     ReferenceSender(latency::SenderArgs),
@@ -77,6 +82,7 @@ fn main() -> ExitCode {
         Command::Convert(args) => exit_with("convert", ilns_replay::convert::run(&args)),
         Command::Plot(args) => exit_with("plot", ilns_replay::plot::run(&args)),
         Command::Latency(args) => exit_with("latency", latency::run(&args)),
+        Command::Faults(args) => exit_with("faults", faults::run(&args)),
         Command::ReferenceSender(args) => exit_with(latency::SENDER, latency::send_references(&args)),
         Command::View(args) => exit_with("view", view::run(&args)),
         Command::Recording(args) => exit_with("recording", recording::run(&args)),

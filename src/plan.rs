@@ -12,6 +12,7 @@ use sim_emulators::process::{EMULATORS, is_fitted};
 use sim_emulators::source::{Source, SourceArgs};
 
 use crate::child::ChildPlan;
+use crate::legacy;
 use crate::processes::can_run;
 
 /// Those who listen are there before those who speak; the set is stopped in the reverse order.
@@ -114,8 +115,7 @@ pub fn common_arguments(
     fs::create_dir_all(&directory)?;
     let file = directory.join("effective.toml");
     fs::write(&file, config.to_toml())?;
-    // For drivers that something else starts: they learn data time from it.
-    fs::write(directory.join("start"), clock.to_string())?;
+    legacy::leave(&directory, clock)?;
     let mut arguments: Vec<OsString> = vec![
         "--prefix".into(),
         prefix.name().into(),

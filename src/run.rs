@@ -11,9 +11,10 @@ use ilns_runtime::{
 use shared_types::{Duration, ProcessState, Time};
 use sim_emulators::process::EMULATORS;
 use sim_emulators::source::{Source, SourceArgs};
-use tracing::info;
+use tracing::{info, warn};
 
 use crate::Outcome;
+use crate::legacy::clock_left;
 use crate::plan::{Wishes, children, common_arguments};
 use crate::supervisor::Supervisor;
 
@@ -36,6 +37,10 @@ pub struct RunArgs {
     /// Name of this set. Sets with different names run side by side.
     #[arg(long, value_name = "NAME", default_value = DEFAULT_PREFIX)]
     prefix: String,
+    /// Go on where a run of this name was killed: data time has run on meanwhile, and the solver takes up from its last
+    /// solution. Where none was killed, the run begins as always.
+    #[arg(long)]
+    resume: bool,
     /// TOML file with cores, priorities and wake-ups of the processes, and which of them something else starts, such as a
     /// real driver.
     #[arg(long, value_name = "FILE")]
@@ -116,7 +121,8 @@ pub fn run(args: &RunArgs) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
     let processes = args.processes.as_deref().map(ProcessFile::read).transpose()?.unwrap_or_default();
     let start = source.start()?;
-    let owner = Owner::take(&prefix)?;
+    let left = if args.resume { clock_left(&prefix, monotonic_now()) } else { None };
+    let owner = if left.is_some() { Owner::take_over(&prefix)? } else { Owner::take(&prefix)? };
     // Last: its address is told at once, and nothing may go wrong after that.
     let foxglove = args.foxglove.settle()?;
     let web = page_address(args)?;
@@ -134,11 +140,20 @@ pub fn run(args: &RunArgs) -> Outcome {
         foxglove,
     };
     let plans = children(&wishes, &source);
-    let clock = StartClock { data: start, mono: monotonic_now() + LEAD, rate: args.rate };
+    let mono = monotonic_now() + LEAD;
+    let clock = match left {
+        Some(left) => {
+            // Every moment of waiting is a gap in the readings; who comes late to the IMU finds its history.
+            let mono = monotonic_now();
+            warn!("going on where a run under this prefix was killed");
+            StartClock { data: left.data_at(mono), mono, rate: left.rate }
+        }
+        None => StartClock { data: start, mono, rate: args.rate },
+    };
     let log = (args.log_level.as_str(), args.log_format);
     let common = common_arguments(&prefix, &config, args.processes.as_deref(), &clock, log)?;
     let mut supervisor = Supervisor::start(owner, plans, common)?;
-    let end = args.duration.map_or(Time::MAX, |seconds| start + Duration::from_seconds(seconds + OVERTIME));
+    let end = args.duration.map_or(Time::MAX, |seconds| clock.data + Duration::from_seconds(seconds + OVERTIME));
     watch(&mut supervisor, &shutdown, &clock, end);
     let given_up = supervisor.failed();
     supervisor.stop();

@@ -10,6 +10,7 @@ use shared_types::{Heartbeat, Process, ProcessState, channel};
 use tracing::{debug, error, info, warn};
 
 use crate::child::{Child, ChildPlan};
+use crate::restarts::{DEATHS, WINDOW};
 
 const MILLISECOND: i64 = 1_000_000;
 
@@ -105,15 +106,15 @@ impl Supervisor {
     fn see_to(&mut self, index: usize) {
         let child = &mut self.children[index];
         let process = child.process().name();
-        if child.hangs() {
-            error!(process, pid = child.pid(), "no heartbeat for 5 s; it is killed");
-            child.signal(Signal::KILL);
+        if let Some(silent_s) = child.kill_if_hung() {
+            error!(process, pid = child.pid(), silent_s, "no heartbeat for too long; it is killed");
         }
         if let Some(status) = child.ended() {
             // What it held must be free before it comes back.
             self.owner.cleanup_dead_nodes();
             if child.state == ProcessState::Failed {
-                error!(process, %status, restarts = child.restarts, "it ended again and again and is given up");
+                let (deaths, window_s) = (DEATHS, WINDOW / 1_000_000_000);
+                error!(process, %status, deaths, window_s, "it ended by itself again and again and is given up");
             } else {
                 warn!(process, %status, "it ended and is started again");
             }

@@ -170,6 +170,33 @@ fn a_killed_supervisor_takes_its_processes_along_and_the_next_begins_afresh() {
 }
 
 #[test]
+fn a_supervisor_that_resumes_goes_on_from_the_last_solution_beside_a_stopped_process_of_the_dead_one() {
+    const MISSION: [&str; 6] = ["run", "--headless", "--scenario", "stable", "--rate", "4"];
+    let solves = |status: &Value| rate(status, "nav/solution") > 1.0;
+    let mut set = Set::start("resumes", &MISSION);
+    let status = set.status_when("solutions come", solves);
+    let orphan = process(&status, "emulator-dvl")["pid"].as_u64().expect("a number") as u32;
+    // It will hear of its parent's death when it goes on, long after the next supervisor has begun.
+    kill(orphan, Signal::STOP);
+    set.signal(Signal::KILL);
+    set.child.wait().expect("killed");
+    let resumed = [&MISSION[..], &["--resume", "--log-level", "info"]].concat();
+    let mut next = Set::start("resumes", &resumed);
+    next.status_when("solutions come again", solves);
+    kill(orphan, Signal::CONT);
+    let status = next.status_when("the orphan is gone", |status| !lives(orphan) && solves(status));
+    // The orphan has taken nothing of the new set along: whoever joins now still finds every channel.
+    kill(process(&status, "emulator-ps")["pid"].as_u64().expect("a number") as u32, Signal::KILL);
+    next.status_when("a process can join", |status| process(status, "emulator-ps")["restarts"] == 1 && solves(status));
+    next.signal(Signal::TERM);
+    let (code, errors) = next.end(STOP_LIMIT);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(errors.contains("going on where a run under this prefix was killed"), "{errors}");
+    assert!(errors.contains("taking up from the last solution"), "{errors}");
+    assert_nothing_left(&next.prefix);
+}
+
+#[test]
 fn channels_can_be_held_for_processes_that_something_else_starts() {
     let mut bus = Set::start("held", &["bus"]);
     bus.status_when("the bus is up", |status| process(status, "supervisor")["state"] == "running");

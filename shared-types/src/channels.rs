@@ -108,8 +108,9 @@ macro_rules! channel_table {
 }
 
 channel_table! {
-    /// IMU samples; the history lets a restarted propagator or preprocessor catch up.
-    IMU: ImuSample = "sensor/imu", queue 2048, history 512, RefuseNewest, publishers 1,
+    /// IMU samples; the history lets a restarted propagator or preprocessor catch up, even where it hung for the 5 s after which
+    /// it is killed: 8 s at 200 Hz. The queue has room for what is sent before it has read them.
+    IMU: ImuSample = "sensor/imu", queue 2048, history 1600, RefuseNewest, publishers 1,
         readers ["preprocessor", "propagator", "recorder"];
     /// Slant ranges, one message each.
     LBL: LblRange = "sensor/lbl", queue 256, history 0, RefuseNewest, publishers 1,

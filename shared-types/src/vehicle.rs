@@ -57,6 +57,13 @@ pub struct Initial {
     pub sigma_attitude: [f64; 3],
 }
 
+impl Initial {
+    /// The state is that of another time: the first one is to be told from the data.
+    pub fn forget_state(&mut self) {
+        (self.position_enu, self.velocity_enu, self.q_enu_body) = (None, None, None);
+    }
+}
+
 /// IMU noise, continuous time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImuNoise {

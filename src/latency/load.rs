@@ -10,13 +10,13 @@ const WORKING_SET: usize = 8 << 20;
 
 /// Threads that keep every core busy until this is dropped.
 #[derive(Debug)]
-pub(super) struct Load {
+pub struct Load {
     stop: Arc<AtomicBool>,
     workers: Vec<JoinHandle<()>>,
 }
 
 /// One worker a core, at ordinary priority: arithmetic, and memory of its own.
-pub(super) fn saturate() -> Load {
+pub fn saturate() -> Load {
     let stop = Arc::new(AtomicBool::new(false));
     let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
     let worker = || {

@@ -9,7 +9,7 @@
 //! | gyroscope bias | mean rate − Rᵀω | 0 |
 //!
 //! `initial.*` of the configuration holds at `initial.t` (or at the first IMU sample) and is carried to the keyframe over the
-//! samples between. `sigma_attitude` is about body x, body y and the up axis: `P_θ = A diag(σ²)Aᵀ`, `A = [e₁ e₂ Rᵀẑ]`.
+//! samples between; where the samples begin later than that it is left aside. `sigma_attitude` is about body x, body y and the up axis: `P_θ = A diag(σ²)Aᵀ`, `A = [e₁ e₂ Rᵀẑ]`.
 //! Levelled by the accelerometer, tilt and accelerometer bias share an error: `δθ = [ẑ_b]× b_a/g`, and the covariance says so.
 
 mod attitude;
@@ -98,7 +98,10 @@ impl Initialiser {
                 if self.samples.len() == SAMPLES_KEPT {
                     self.samples.pop_front();
                 }
-                self.t_first_sample.get_or_insert(t);
+                if self.t_first_sample.is_none() {
+                    self.t_first_sample = Some(t);
+                    self.forget_what_is_past(t);
+                }
                 let point = ImuPoint { gyro_body: Vector3::from(gyro_body), accel_body: Vector3::from(accel_body) };
                 self.samples.push_back((t, point));
             }
@@ -118,6 +121,15 @@ impl Initialiser {
                 }
             }
             Reading::Keyframe { .. } => {}
+        }
+    }
+
+    /// A given state holds at its own time. Where the samples begin well after it, as after a restart under way, nothing
+    /// carries it to a keyframe, and the vehicle is somewhere else by now.
+    fn forget_what_is_past(&mut self, first_sample: Time) {
+        let initial = &mut self.config.vehicle.initial;
+        if initial.t.is_some_and(|t| first_sample - t > READING_AGE_MAX) {
+            initial.forget_state();
         }
     }
 

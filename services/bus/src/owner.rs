@@ -4,7 +4,7 @@ use std::any::Any;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, flock};
@@ -42,7 +42,21 @@ impl Owner {
     /// [`BusError::InUse`] when somebody owns it, with his process number.
     pub fn take(prefix: &Prefix) -> Result<Owner, BusError> {
         let lock = lock(prefix)?;
-        wipe(prefix)?;
+        wipe(prefix, &[prefix.lock_file()])?;
+        Owner::set_up(prefix, lock)
+    }
+
+    /// As [`Owner::take`], but the folder of the run stays as a killed owner left it: for a set that goes on in its place.
+    ///
+    /// # Errors
+    /// As [`Owner::take`].
+    pub fn take_over(prefix: &Prefix) -> Result<Owner, BusError> {
+        let lock = lock(prefix)?;
+        wipe(prefix, &[prefix.lock_file(), prefix.run_directory()])?;
+        Owner::set_up(prefix, lock)
+    }
+
+    fn set_up(prefix: &Prefix, lock: File) -> Result<Owner, BusError> {
         let bus = Bus::enter(prefix, Process::Supervisor, 0)?;
         let mut creator = Creator { node: bus.node(), channels: Vec::new() };
         visit_channels(&mut creator)?;
@@ -73,6 +87,9 @@ impl Owner {
     /// Gives back what dead processes held; call it after a child's death and before its restart. Returns how many dead
     /// processes were cleaned up after.
     pub fn cleanup_dead_nodes(&self) -> u64 {
+        if let Err(error) = remove_unborn(&self.prefix) {
+            tracing::warn!(%error, "what a dead process was just creating was not removed");
+        }
         let state = self.bus().node().try_cleanup_dead_nodes();
         if state.failed_cleanups > 0 {
             tracing::warn!(failed = state.failed_cleanups, "could not clean up after a dead process");
@@ -89,7 +106,8 @@ impl Drop for Owner {
         self.channels.clear();
         self.bus = None;
         // The lock is still held: nobody can have begun anew under this prefix.
-        if let Err(error) = wipe(&self.prefix).and_then(|()| remove_directory(&self.prefix)) {
+        if let Err(error) = wipe(&self.prefix, &[self.prefix.lock_file()]).and_then(|()| remove_directory(&self.prefix))
+        {
             tracing::warn!(%error, "the prefix was not removed whole");
         }
     }
@@ -186,13 +204,32 @@ fn make_directory(prefix: &Prefix) -> Result<(), BusError> {
     }
 }
 
-/// Removes every shared memory object and file of the prefix but its lock. The lock must be held.
-fn wipe(prefix: &Prefix) -> Result<(), BusError> {
+/// Removes every shared memory object of the prefix, and what lies in its directory but for what is kept: the lock, which must be
+/// held, at least.
+fn wipe(prefix: &Prefix, kept: &[PathBuf]) -> Result<(), BusError> {
     let objects = prefix.object_prefix();
     remove_where(Path::new(SHARED_MEMORY), |name| name.starts_with(&objects))?;
     let directory = prefix.directory();
-    let lock = prefix.lock_file();
-    remove_where(&directory, |name| directory.join(name) != lock)
+    remove_where(&directory, |name| !kept.contains(&directory.join(name)))
+}
+
+/// Removes shared memory objects that a process was just creating when it was killed: they have a name, and no size yet.
+///
+/// The layer waits for their creator without end (in 0.10.0 an object without size is not held against its time-out), and with it
+/// whoever opens or cleans up such a connection: first of all the owner, and then nobody is started again.
+fn remove_unborn(prefix: &Prefix) -> Result<(), BusError> {
+    let objects = prefix.object_prefix();
+    let directory = Path::new(SHARED_MEMORY);
+    let is_empty = |name: &str| fs::metadata(directory.join(name)).is_ok_and(|data| data.len() == 0);
+    remove_where(directory, |name| name.starts_with(&objects) && is_empty(name) && names_a_dead_process(name))
+}
+
+/// Whether a port named in an object's name is that of a process that is gone. A port's number is that of the layer's
+/// `UniqueSystemId`: seconds, nanoseconds, process and a counter of 32 bits each, the first the lowest.
+fn names_a_dead_process(name: &str) -> bool {
+    let ports = name.split(['_', '.']).filter_map(|part| part.parse::<u128>().ok());
+    let mut processes = ports.map(|port| (port >> 64) as u32).filter(|&pid| pid != 0);
+    processes.any(|pid| !Path::new("/proc").join(pid.to_string()).exists())
 }
 
 fn remove_where(directory: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), BusError> {

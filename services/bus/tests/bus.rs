@@ -166,6 +166,59 @@ fn the_leftovers_of_a_killed_owner_are_wiped_by_the_next() {
 }
 
 #[test]
+fn whoever_takes_over_from_a_killed_owner_finds_the_folder_of_its_run_and_whoever_takes_the_prefix_does_not() {
+    let prefix = prefix("heir");
+    let kept = prefix.run_directory().join("kept");
+    let mut child = start("role_owner", &prefix);
+    eventually("the start of the owner", || Bus::join(&prefix, Process::Monitor, 0).is_ok());
+    std::fs::create_dir_all(prefix.run_directory()).expect("the owner has made its directory");
+    std::fs::write(&kept, "of the run").expect("writable");
+    child.0.kill().expect("it lives");
+    child.0.wait().expect("it was killed");
+    let heir = Owner::take_over(&prefix).expect("the lock died with its holder");
+    assert!(kept.exists());
+    let sender = Bus::join(&prefix, Process::EmulatorPs, 0).expect("owned");
+    sender.publisher(&channel::PS).expect("room").publish(depth(1.0));
+    drop(sender);
+    // As if killed, too: its destructor does not run.
+    std::mem::forget(heir);
+    std::fs::remove_file(prefix.directory().join("lock")).expect("the test holds the lock");
+    Owner::take(&prefix).expect("the lock is gone").close();
+    assert_eq!(leftovers(&prefix), Vec::<String>::new());
+}
+
+#[test]
+fn a_connection_that_a_killed_process_was_just_creating_does_not_hang_the_owner() {
+    let prefix = prefix("unborn");
+    let owner = Owner::take(&prefix).expect("free");
+    let sender = Bus::join(&prefix, Process::EmulatorPs, 0).expect("owned");
+    let mut publisher = sender.publisher(&channel::PS).expect("room");
+    let mut child = start("role_reader", &prefix);
+    eventually("the reader", || publisher.publish(depth(1.0)).delivered == 1);
+    let connection = leftovers(&prefix).into_iter().find(|name| name.ends_with(".connection")).expect("there is one");
+    child.0.kill().expect("it lives");
+    child.0.wait().expect("it was killed");
+    // Another one to the same reader, of a sender of the same dead process, as it is between its creation and its first size.
+    let (start, reader) = connection.rsplit_once('_').expect("sender and reader");
+    let (channel, _) = start.rsplit_once('_').expect("channel and sender");
+    let id: u128 = reader.trim_end_matches(".connection").parse().expect("a number");
+    let unborn = std::path::Path::new("/dev/shm").join(format!("{channel}_{}_{reader}", id + 1));
+    std::fs::write(&unborn, []).expect("writable");
+    assert_eq!(owner.cleanup_dead_nodes(), 1);
+    assert!(!unborn.exists());
+    // What the living are just creating is left alone.
+    let mine = (u128::from(std::process::id()) << 64) | 7;
+    let alive = std::path::Path::new("/dev/shm").join(format!("{channel}_{mine}_{mine}.connection"));
+    std::fs::write(&alive, []).expect("writable");
+    owner.cleanup_dead_nodes();
+    assert!(alive.exists());
+    drop(publisher);
+    drop(sender);
+    owner.close();
+    assert_eq!(leftovers(&prefix), Vec::<String>::new());
+}
+
+#[test]
 fn a_late_reader_gets_the_latched_message() {
     let prefix = prefix("late");
     let _owner = Owner::take(&prefix).expect("free");
@@ -190,16 +243,17 @@ fn a_restarted_reader_catches_up_from_the_history_of_the_imu() {
     let _owner = Owner::take(&prefix).expect("free");
     let sender = Bus::join(&prefix, Process::EmulatorImu, 0).expect("owned");
     let mut publisher = sender.publisher(&channel::IMU).expect("room");
-    for _ in 0..600 {
+    let history = channel::IMU.spec.history as u64;
+    for _ in 0..history + 88 {
         publisher.publish_quietly(imu());
     }
     let reader = Bus::join(&prefix, Process::Propagator, 1).expect("owned");
     let mut samples = reader.subscriber(&channel::IMU).expect("room");
     publisher.publish(imu());
     let first = samples.receive().expect("history").header.sequence;
-    assert_eq!(first, 600 - channel::IMU.spec.history as u64);
+    assert_eq!(first, 88);
     while samples.receive().is_some() {}
-    assert_eq!(samples.received(), channel::IMU.spec.history as u64 + 1);
+    assert_eq!(samples.received(), history + 1);
     assert_eq!(samples.losses(), Losses::default());
 }
 

@@ -19,7 +19,28 @@ pub fn one_line(error: &dyn Error) -> String {
         }
         cause = error.source();
     }
-    line.replace('\n', " ")
+    legible(&line)
+}
+
+/// Longest line, in characters: a damaged file may hold a key as long as itself.
+const LONGEST: usize = 1_000;
+
+/// Without what would move a terminal's cursor, and with its middle left out where it is too long: place and mend stand at its
+/// ends.
+fn legible(line: &str) -> String {
+    let mut characters: Vec<char> = Vec::with_capacity(line.len());
+    for character in line.chars() {
+        match character {
+            '\n' => characters.push(' '),
+            control if control.is_control() => characters.extend(control.escape_default()),
+            other => characters.push(other),
+        }
+    }
+    if characters.len() > LONGEST {
+        let (from, to) = (LONGEST * 2 / 3, characters.len() - LONGEST / 4);
+        characters.splice(from..to, " [...] ".chars());
+    }
+    characters.into_iter().collect()
 }
 
 /// Exit code of the command `name`; a failure is first told on standard error, in one line.
@@ -46,5 +67,13 @@ mod tests {
         let source = std::io::Error::new(std::io::ErrorKind::NotFound, "no such\nfile");
         let error = RuntimeError::ConfigFile { path: "a.toml".into(), source };
         assert_eq!(one_line(&error), "cannot read the configuration a.toml (--config FILE names it): no such file");
+    }
+    #[test]
+    fn a_line_moves_no_cursor_and_keeps_both_ends_where_it_is_too_long() {
+        assert_eq!(legible("unknown key `\u{1b}[2J\r`"), "unknown key `\\u{1b}[2J\\r`");
+        let long = format!("file:4:1: unknown key `{}`; did you mean `lbl`?", "\u{fc}".repeat(10_000));
+        let line = legible(&long);
+        assert!(line.starts_with("file:4:1: unknown") && line.ends_with("did you mean `lbl`?"), "{line}");
+        assert!(line.contains(" [...] ") && line.chars().count() < 1_000, "{line}");
     }
 }

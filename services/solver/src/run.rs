@@ -38,16 +38,15 @@ pub fn run(args: &Args) -> Result<(), SolverError> {
 /// # Errors
 /// [`SolverError`] when it cannot begin.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
-    let config = args.process.load_config()?;
+    let mut config = args.process.load_config()?;
     let real_time = args.process.real_time(Process::Solver)?;
     let prefix = Prefix::new(&args.process.prefix)?;
     let bus = Bus::join(&prefix, Process::Solver, args.process.epoch)?;
     let mut inputs = Inputs::open(&bus)?;
     let mut outputs = Outputs::open(&bus)?;
     let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Solver)? };
-    let mut estimator = ChosenEstimator::new(&config);
-    take_up(&mut estimator, &prefix.run_directory(), &config);
     let keeper = Keeper::start(&prefix.run_directory(), &config);
+    let mut estimator = take_up(&prefix.run_directory(), &mut config, args.process.epoch > 0);
     let mut heartbeat = HeartbeatBuilder::new(Process::Solver, args.process.epoch);
     heartbeat.state = ProcessState::Running;
     let mut waiting = VecDeque::with_capacity(inputs_capacity());
@@ -98,18 +97,30 @@ fn effort_with(behind: usize) -> Effort {
     }
 }
 
-/// A restarted solver begins from the last solution of the one before.
-fn take_up(estimator: &mut ChosenEstimator, run_directory: &Path, config: &Config) {
-    match keeper::last_solution(run_directory, config) {
+/// An estimator that stands on the last solution of the one before, if there is one that can be stood on.
+///
+/// Where there is none although the run was under way (`restarted`, or a file was kept), the state that the configuration gives
+/// for its beginning is not that of now: it is forgotten, and the first state told from the data.
+fn take_up(run_directory: &Path, config: &mut Config, restarted: bool) -> ChosenEstimator {
+    let last = keeper::last_solution(run_directory, config);
+    let under_way = restarted || !matches!(last, Ok(None));
+    match last {
         Ok(None) => {}
-        Ok(Some(solution)) if estimator.resume(&solution) => {
-            info!(solution = solution.id, t_keyframe = %Time(solution.t_keyframe), "taking up from the last solution");
-        }
         Ok(Some(solution)) => {
+            let mut estimator = ChosenEstimator::new(config);
+            if estimator.resume(&solution) {
+                let t_keyframe = Time(solution.t_keyframe);
+                info!(solution = solution.id, %t_keyframe, "taking up from the last solution");
+                return estimator;
+            }
             warn!(solution = solution.id, "the last solution holds no valid state; initialising anew");
         }
         Err(error) => warn!(%error, "the last solution cannot be taken up; initialising anew"),
     }
+    if under_way {
+        config.vehicle.initial.forget_state();
+    }
+    ChosenEstimator::new(config)
 }
 
 fn ingest(

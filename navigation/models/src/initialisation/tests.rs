@@ -230,3 +230,20 @@ fn a_turning_vehicle_is_not_taken_for_a_biased_gyroscope() {
     let (state, _) = initialiser.first_state(Time::from_seconds(3.0), &world()).expect("all is there");
     assert_eq!(state.gyro_bias, Vector3::zeros());
 }
+
+#[test]
+fn a_given_state_of_long_before_the_first_sample_is_left_aside() {
+    let at = |t_given: i64| {
+        let mut config = config();
+        let initial = &mut config.vehicle.initial;
+        initial.t = Some(Time(t_given));
+        (initial.position_enu, initial.velocity_enu) = (Some([7.0, 8.0, 9.0]), Some([0.0; 3]));
+        initial.q_enu_body = Some([1.0, 0.0, 0.0, 0.0]);
+        let mut initialiser = Initialiser::new(&config);
+        push_imu(&mut initialiser, 3.0, |_| at_rest());
+        initialiser.first_state(Time(600 * PERIOD), &world())
+    };
+    assert!(at(0).is_some() && at(-1_000_000_000).is_some());
+    // Nobody has measured where the vehicle is by now.
+    assert!(at(-60_000_000_000).is_none());
+}

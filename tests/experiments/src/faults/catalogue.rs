@@ -126,7 +126,7 @@ pub const CASES: &[Case] = &[
 /// Why a number has no case: what it needs.
 pub fn elsewhere(number: u8) -> Option<&'static str> {
     match number {
-        1 | 26..=34 => Some("live bench (process, clock, disk, bus)"),
+        1 | 26..=34 => Some("over the bus: `ilns faults --live`"),
         14 => Some("missing: readings hold no single beams"),
         24 => Some("missing: property tests of the estimator"),
         25 | 35 | 38 | 40 => Some("missing: a scenario of its own, not a fault of readings"),

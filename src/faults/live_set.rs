@@ -1,0 +1,159 @@
+//! The set that things are done to: `ilns run` as a process of its own, in a scratch folder and under its own prefix.
+
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use ilns_bus::Prefix;
+use ilns_runtime::{StartClock, monotonic_now};
+use rustix::process::{Pid, Signal, kill_process};
+use shared_types::Process;
+
+use crate::faults::mission;
+use crate::legacy::leave;
+
+/// From the start to the first reading, ns.
+const LEAD: i64 = 800_000_000;
+
+/// The set at work; dropped, it is killed.
+#[derive(Debug)]
+pub(super) struct LiveSet {
+    prefix: Prefix,
+    scratch: PathBuf,
+    child: Child,
+    /// How often a supervisor was started: each records into a folder of its own.
+    starts: u32,
+}
+
+impl LiveSet {
+    /// Starts it on the bench's mission, a moment before the estimation begins.
+    pub(super) fn start(prefix: &Prefix, scratch: &Path, rate: f64, starts: u32) -> std::io::Result<LiveSet> {
+        // Data time need not begin at the mission's beginning: this set goes on where none has been.
+        let folder = prefix.run_directory();
+        fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder)?;
+        let clock = StartClock { data: mission::START, mono: monotonic_now(), rate };
+        let begun = StartClock { data: clock.data_at(clock.mono - LEAD), ..clock };
+        leave(&folder, &begun)?;
+        let child = spawn(prefix, scratch, starts)?;
+        Ok(LiveSet { prefix: prefix.clone(), scratch: scratch.to_owned(), child, starts })
+    }
+
+    /// Another supervisor in the place of one that was killed.
+    pub(super) fn take_over(&mut self) -> std::io::Result<()> {
+        self.child.wait()?;
+        self.starts += 1;
+        self.child = spawn(&self.prefix, &self.scratch, self.starts)?;
+        Ok(())
+    }
+
+    /// How often a supervisor was started so far.
+    pub(super) fn starts(&self) -> u32 {
+        self.starts
+    }
+
+    /// Folder of the run, with the solver's checkpoint.
+    pub(super) fn checkpoint(&self) -> PathBuf {
+        self.prefix.run_directory().join("solution")
+    }
+
+    /// Folder that the recorder writes into.
+    pub(super) fn record(&self) -> PathBuf {
+        record(&self.scratch, self.starts)
+    }
+
+    /// What the processes have said so far.
+    pub(super) fn log(&self) -> String {
+        fs::read(log_file(&self.scratch)).map_or_else(|_| String::new(), |text| String::from_utf8_lossy(&text).into())
+    }
+
+    /// Number of the supervisor, or of a process that lives.
+    pub(super) fn pid_of(&self, process: Process) -> Option<u32> {
+        if process == Process::Supervisor {
+            return Some(self.child.id());
+        }
+        self.children().into_iter().find(|(_, found)| *found == process).map(|(pid, _)| pid)
+    }
+
+    /// Number and name of every process of the set that runs under its own name already.
+    pub(super) fn children(&self) -> Vec<(u32, Process)> {
+        let supervisor = self.child.id();
+        let list = fs::read_to_string(format!("/proc/{supervisor}/task/{supervisor}/children")).unwrap_or_default();
+        let pids = list.split_whitespace().filter_map(|pid| pid.parse().ok());
+        pids.filter_map(|pid| Some((pid, name_of(pid)?))).collect()
+    }
+
+    /// Whether the supervisor has ended by itself.
+    pub(super) fn has_ended(&mut self) -> bool {
+        !matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Asks it to stop, and waits; exit code, and what bears its name on this machine afterwards.
+    pub(super) fn stop(&mut self) -> std::io::Result<(Option<i32>, Vec<PathBuf>)> {
+        // A supervisor that has ended by itself is told by its code.
+        let _ = signal(self.child.id(), Signal::TERM);
+        let code = self.child.wait()?.code();
+        Ok((code, leftovers(&self.prefix)))
+    }
+}
+
+impl Drop for LiveSet {
+    fn drop(&mut self) {
+        // Its children end with it; whoever takes the prefix next wipes the rest.
+        let _ = self.child.kill().and_then(|()| self.child.wait());
+    }
+}
+
+fn spawn(prefix: &Prefix, scratch: &Path, starts: u32) -> std::io::Result<Child> {
+    let log = OpenOptions::new().append(true).create(true).open(log_file(scratch))?;
+    let mut arguments: Vec<OsString> =
+        ["run", "--headless", "--resume", "--preset", "realistic", "--log-level", "warn"].map(OsString::from).into();
+    arguments.extend(["--prefix".into(), prefix.name().into()]);
+    arguments.extend(["--scenario".into(), mission::write(scratch)?.into()]);
+    arguments.extend(["--out".into(), record(scratch, starts).into()]);
+    Command::new(std::env::current_exe()?)
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(log)
+        .spawn()
+}
+
+fn log_file(scratch: &Path) -> PathBuf {
+    scratch.join("log.txt")
+}
+
+fn record(scratch: &Path, starts: u32) -> PathBuf {
+    scratch.join(format!("record-{starts}"))
+}
+
+/// By its command line; `None` between its birth and its own name.
+fn name_of(pid: u32) -> Option<Process> {
+    let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    let word = line.split(|byte| *byte == 0).nth(1)?;
+    Process::ALL.into_iter().find(|process| process.name().as_bytes() == word)
+}
+
+/// Sends a signal; an error where nobody has that number.
+pub(super) fn signal(pid: u32, signal: Signal) -> std::io::Result<()> {
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw).ok_or(std::io::ErrorKind::NotFound)?;
+    Ok(kill_process(pid, signal)?)
+}
+
+/// Everything on this machine that bears the name of the set.
+fn leftovers(prefix: &Prefix) -> Vec<PathBuf> {
+    let directory = prefix.directory();
+    let objects = format!("ilns-{}_", prefix.name());
+    let entries = fs::read_dir("/dev/shm").into_iter().flatten().filter_map(Result::ok);
+    let shared = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&objects));
+    shared.map(|entry| entry.path()).chain(directory.exists().then_some(directory.clone())).collect()
+}
+
+/// Creates the folder and makes sure that it is ours alone.
+pub(super) fn scratch(prefix: &Prefix) -> std::io::Result<PathBuf> {
+    let folder = std::env::temp_dir().join(format!("ilns-faults-{}", prefix.name()));
+    fs::create_dir(&folder)?;
+    File::create(log_file(&folder))?;
+    Ok(folder)
+}
