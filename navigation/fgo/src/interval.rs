@@ -4,6 +4,7 @@
 //! kept, so that the piece up to any instant costs one side step, and the closing of the interval costs nothing more.
 
 use nalgebra::Vector3;
+use nav_models::gaps::Inflation;
 use nav_models::imu_history::interpolate;
 pub use nav_models::imu_history::{ImuHistory, ImuModel, TimedPoint};
 use nav_models::preintegration::{ImuPoint, Preintegration};
@@ -153,7 +154,7 @@ impl OpenInterval {
 }
 
 /// Start, end and inflation of the step from a prefix to `t`: it is a share of a step that may itself bridge a gap.
-fn side_of(before: &Prefix, next: &Prefix, t: Time, model: &ImuModel) -> (TimedPoint, ImuPoint, f64) {
+fn side_of(before: &Prefix, next: &Prefix, t: Time, model: &ImuModel) -> (TimedPoint, ImuPoint, Inflation) {
     let at = interpolate(&before.sample, &next.sample, t);
     (before.sample, at, model.inflation(next.sample.t - before.sample.t))
 }

@@ -1,5 +1,6 @@
 //! What runs at every IMU sample, in two processes, and at every reading: `cargo bench -p nav-models`.
 
+use nav_models::gaps::Inflation;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -20,7 +21,7 @@ fn increment(config: &Config) -> Preintegration {
     let mut increment = Preintegration::new(Vector3::zeros(), Vector3::zeros());
     for step in 0..200 {
         let phase = f64::from(step) * 0.02;
-        increment.step(&config.vehicle.imu, 0.005, &point(phase), &point(phase + 0.02), 1.0);
+        increment.step(&config.vehicle.imu, 0.005, &point(phase), &point(phase + 0.02), Inflation::NONE);
     }
     increment
 }
@@ -41,7 +42,7 @@ fn benches(criterion: &mut Criterion) {
     criterion.bench_function("gravity", |b| b.iter(|| world.gravity.at(black_box(&state.position_enu))));
     criterion.bench_function("preintegration_step", |b| {
         let mut running = whole;
-        b.iter(|| running.step(&config.vehicle.imu, 0.005, black_box(&first), black_box(&second), 1.0));
+        b.iter(|| running.step(&config.vehicle.imu, 0.005, black_box(&first), black_box(&second), Inflation::NONE));
     });
     criterion.bench_function("preintegration_step_mean", |b| {
         let mut running = whole;

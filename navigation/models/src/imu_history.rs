@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 use shared_types::{Duration, ImuGateConfig, ImuNoise, Time};
 
+use crate::gaps::Inflation;
 use crate::preintegration::{ImuPoint, Preintegration};
-use crate::propagator::{GAP_INFLATION, LONG_GAP_INFLATION};
 
 /// What integrating a step needs to know of the instrument.
 #[derive(Clone, Debug)]
@@ -18,15 +18,9 @@ pub struct ImuModel {
 }
 
 impl ImuModel {
-    /// Factor on the white noise densities in a step of this length.
-    pub fn inflation(&self, step: Duration) -> f64 {
-        if step.abs() > self.gate.long_gap {
-            LONG_GAP_INFLATION
-        } else if step.abs() > self.gate.gap {
-            GAP_INFLATION
-        } else {
-            1.0
-        }
+    /// Factors on the white noise densities in a step of this length.
+    pub fn inflation(&self, step: Duration) -> Inflation {
+        Inflation::over(step, &self.gate, &self.noise)
     }
 }
 
@@ -133,7 +127,7 @@ impl ImuHistory {
         let end = TimedPoint { t: to, point: self.at(to)? };
         // The first step and the last may be parts of one between two samples, which may be a gap.
         let inflation = |one: Time, other: Time| model.inflation(self.sampling_period_at(one.max(other)));
-        let mut step = |next: &TimedPoint, inflation: f64| {
+        let mut step = |next: &TimedPoint, inflation: Inflation| {
             let dt = next.t - last.t;
             if dt != Duration::ZERO {
                 piece.step(&model.noise, dt.as_seconds(), &last.point, &next.point, inflation);

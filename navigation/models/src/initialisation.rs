@@ -17,6 +17,7 @@ mod position;
 #[cfg(test)]
 mod tests;
 
+use crate::gaps::Inflation;
 use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3};
@@ -242,7 +243,13 @@ impl Initialiser {
                 let spacing = (t_next - previous.0).as_seconds();
                 ImuPoint::interpolate(&previous.1, &next, (t - previous.0).as_seconds() / spacing)
             };
-            increment.step(&self.config.vehicle.imu, (t_end - reached).as_seconds(), &at(reached), &at(t_end), 1.0);
+            increment.step(
+                &self.config.vehicle.imu,
+                (t_end - reached).as_seconds(),
+                &at(reached),
+                &at(t_end),
+                Inflation::NONE,
+            );
             reached = t_end;
             if reached == t_keyframe {
                 break;

@@ -6,6 +6,7 @@
 pub mod anchored;
 mod blocks;
 pub mod estimator;
+pub mod gaps;
 pub mod imu_history;
 pub mod inertial;
 pub mod initialisation;

@@ -24,6 +24,7 @@ use nav_geometry::so3;
 use shared_types::ImuNoise;
 
 use crate::blocks::{product, wide};
+use crate::gaps::Inflation;
 use covariance::{CovarianceBlocks, StepModel};
 pub use piece::{NoiseRows, Piece};
 
@@ -174,7 +175,7 @@ impl Preintegration {
     }
 
     /// Adds the stretch from `first` to `second`, `dt_signed` seconds later (negative: earlier), with bias Jacobians and
-    /// covariance. `noise_inflation` multiplies the white noise densities (1: as they are; more to bridge a gap).
+    /// covariance. `inflation` is of the white noise densities: [`Inflation::NONE`], or more to bridge a gap.
     #[inline]
     pub fn step(
         &mut self,
@@ -182,15 +183,15 @@ impl Preintegration {
         dt_signed: f64,
         first: &ImuPoint,
         second: &ImuPoint,
-        noise_inflation: f64,
+        inflation: Inflation,
     ) {
         if dt_signed != 0.0 {
-            wide(|| self.step_wide(noise, dt_signed, first, second, noise_inflation));
+            wide(|| self.step_wide(noise, dt_signed, first, second, inflation));
         }
     }
 
     #[inline(always)]
-    fn step_wide(&mut self, noise: &ImuNoise, dt: f64, first: &ImuPoint, second: &ImuPoint, noise_inflation: f64) {
+    fn step_wide(&mut self, noise: &ImuNoise, dt: f64, first: &ImuPoint, second: &ImuPoint, inflation: Inflation) {
         let angle = self.angle(dt, first, second);
         let (turn, right_jacobian) = so3::exp_and_right_jacobian(&angle);
         let accel_first = first.accel_body - self.accel_bias;
@@ -207,11 +208,10 @@ impl Preintegration {
             turn_transposed: turn.transpose(),
             phi_by_gyro: right_jacobian * -dt,
         };
-        let inflation_over_dt = noise_inflation * noise_inflation / dt.abs();
         self.blocks.step(
             &model,
-            noise.accel_noise_density * noise.accel_noise_density * inflation_over_dt,
-            noise.gyro_noise_density * noise.gyro_noise_density * inflation_over_dt,
+            noise.accel_noise_density * noise.accel_noise_density * (inflation.force * inflation.force / dt.abs()),
+            noise.gyro_noise_density * noise.gyro_noise_density * (inflation.rate * inflation.rate / dt.abs()),
         );
         self.blocks.accel_walk += dt.abs() * noise.accel_bias_random_walk * noise.accel_bias_random_walk;
         self.blocks.gyro_walk += dt.abs() * noise.gyro_bias_random_walk * noise.gyro_bias_random_walk;

@@ -31,6 +31,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::Geodetic;
 use shared_types::{Config, Duration, Header, ImuSample, Mode, NavEstimate, Solution, SolutionStatus, Time};
 
+use crate::gaps::{Inflation, UNSEEN_ACCELERATION, UNSEEN_RATE};
 use crate::preintegration::{ImuPoint, Preintegration};
 use crate::state::{ERROR_DIM, NavState};
 use crate::transport::transport;
@@ -39,15 +40,8 @@ use uncertainty::{Uncertainty, upper_triangle};
 
 /// IMU samples kept for a rebase: 20 s at 200 Hz.
 const SAMPLES_KEPT: usize = 4096;
-/// White noise densities are multiplied by this over a gap, §5 of the method …
-pub const GAP_INFLATION: f64 = 10.0;
-/// … and by this over a long one, of which a straight line says nothing.
-pub const LONG_GAP_INFLATION: f64 = 100.0;
 /// A keyframe further than this before the first kept sample cannot be bridged to it.
 const BRIDGE_MAX: Duration = Duration(5_000_000_000);
-/// What an unseen vehicle may do meanwhile, m/s² and rad/s, 1-sigma: the hold of [`Propagator::without_imu`].
-const UNSEEN_ACCELERATION: f64 = 0.5;
-const UNSEEN_RATE: f64 = 0.1;
 /// 1-sigma of what is not known at all before the first solution: m/s, rad.
 const UNKNOWN_VELOCITY_SIGMA: f64 = 100.0;
 const UNKNOWN_ATTITUDE_SIGMA: f64 = core::f64::consts::PI;
@@ -277,13 +271,7 @@ impl Propagator {
             None => (next.point, t_keyframe, next.t - t_keyframe),
         };
         let gaps = &self.config.navigator.imu;
-        let inflation = if spacing > gaps.long_gap {
-            LONG_GAP_INFLATION
-        } else if spacing > gaps.gap {
-            GAP_INFLATION
-        } else {
-            1.0
-        };
+        let inflation = Inflation::over(spacing, gaps, &self.config.vehicle.imu);
         self.has_bridged_gap |= spacing > gaps.gap;
         let dt = (next.t - t_first).as_seconds();
         self.increment.step(&self.config.vehicle.imu, dt, &first, &next.point, inflation);

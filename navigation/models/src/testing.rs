@@ -1,5 +1,6 @@
 //! What the tests of this crate share: the golden case of the method (§8.3 to §8.5) and random states.
 
+use crate::gaps::Inflation;
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 use nav_geometry::{Geodetic, GravityModel, LocalFrame};
 use rand::{Rng, RngExt, SeedableRng};
@@ -50,7 +51,7 @@ pub(crate) fn golden_piece(times: &[f64]) -> Preintegration {
     let mut piece = Preintegration::new(GOLDEN_ACCEL_BIAS, GOLDEN_GYRO_BIAS);
     for pair in times.windows(2) {
         let (first, second) = (golden_sample(pair[0] * 10.0), golden_sample(pair[1] * 10.0));
-        piece.step(&noise(), pair[1] - pair[0], &first, &second, 1.0);
+        piece.step(&noise(), pair[1] - pair[0], &first, &second, Inflation::NONE);
     }
     piece
 }
@@ -107,7 +108,7 @@ pub(crate) fn random_increment(rng: &mut impl Rng, near: &NavState, direction: f
         ImuPoint { gyro_body: gyro + gyro_wave * phase.sin(), accel_body: accel + accel_wave * phase.cos() }
     };
     for step in 0..200 {
-        increment.step(&noise(), 0.005 * direction, &at(step), &at(step + 1), 1.0);
+        increment.step(&noise(), 0.005 * direction, &at(step), &at(step + 1), Inflation::NONE);
     }
     increment
 }

@@ -9,6 +9,7 @@ use nav_fgo::chain::Link;
 use nav_fgo::kernels::{Block, BlockVector, cholesky, inverse_from_cholesky};
 use nav_geometry::{Geodetic, so3};
 use nav_kalman::{Ekf, Filter};
+use nav_models::gaps::Inflation;
 use nav_models::inertial::ImuFactor;
 use nav_models::preintegration::{ImuPoint, Preintegration};
 use nav_models::row::Row;
@@ -174,7 +175,7 @@ fn interval() -> Interval {
     let mut increment = Preintegration::new(state.accel_bias, state.gyro_bias);
     for index in 0..200 {
         let (before, after) = (sample(f64::from(index) * 0.005), sample(f64::from(index + 1) * 0.005));
-        increment.step(&config.vehicle.imu, 0.005, &before, &after, 1.0);
+        increment.step(&config.vehicle.imu, 0.005, &before, &after, Inflation::NONE);
     }
     let gyro = || Some(GyroAt { gyro_body: sample(1.0).gyro_body, dt_imu: 0.005 });
     let models = readings()

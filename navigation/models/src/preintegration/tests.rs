@@ -164,7 +164,7 @@ fn turning_samples(seed: u64, count: usize) -> Vec<ImuPoint> {
 fn run(samples: &[ImuPoint], dt: f64, accel_bias: Vector3<f64>, gyro_bias: Vector3<f64>) -> Preintegration {
     let mut piece = Preintegration::new(accel_bias, gyro_bias);
     for pair in samples.windows(2) {
-        piece.step(&noise(), dt, &pair[0], &pair[1], 1.0);
+        piece.step(&noise(), dt, &pair[0], &pair[1], Inflation::NONE);
     }
     piece
 }
@@ -284,8 +284,8 @@ fn inflated_noise_grows_the_covariance_and_not_the_mean() {
         Preintegration::new(Vector3::zeros(), Vector3::zeros()),
         Preintegration::new(Vector3::zeros(), Vector3::zeros()),
     );
-    plain.step(&noise(), 0.05, &samples[0], &samples[1], 1.0);
-    inflated.step(&noise(), 0.05, &samples[0], &samples[1], 10.0);
+    plain.step(&noise(), 0.05, &samples[0], &samples[1], Inflation::NONE);
+    inflated.step(&noise(), 0.05, &samples[0], &samples[1], Inflation { force: 10.0, rate: 10.0 });
     assert_eq!(plain.alpha, inflated.alpha);
     assert_relative_eq!(plain.increment_covariance() * 100.0, inflated.increment_covariance(), max_relative = 1e-12);
     assert_eq!(plain.bias_walk(), inflated.bias_walk());
@@ -306,7 +306,7 @@ fn sample_covariance(direction: f64, runs: usize, seed: u64) -> (SMatrix<f64, 15
     let samples = turning_samples(21, 101);
     let mut truth = Preintegration::new(Vector3::zeros(), Vector3::zeros());
     for pair in samples.windows(2) {
-        truth.step(&noise, dt, &pair[0], &pair[1], 1.0);
+        truth.step(&noise, dt, &pair[0], &pair[1], Inflation::NONE);
     }
     let mut rng = random(seed);
     let mut normal = |scale: f64| -> Vector3<f64> {
@@ -410,8 +410,8 @@ fn the_same_bits_with_and_without_wide_instructions() {
         let mut point =
             || ImuPoint { accel_body: random_vector(&mut rng, 10.0), gyro_body: random_vector(&mut rng, 1.0) };
         let (first, second) = (point(), point());
-        narrow.step_wide(&noise, 0.005, &first, &second, 1.0);
-        wider.step(&noise, 0.005, &first, &second, 1.0);
+        narrow.step_wide(&noise, 0.005, &first, &second, Inflation::NONE);
+        wider.step(&noise, 0.005, &first, &second, Inflation::NONE);
     }
     let bits = |piece: &Preintegration| -> Vec<u64> {
         let (mean, covariance, jacobian) = (piece.alpha, piece.covariance(), piece.jacobian());

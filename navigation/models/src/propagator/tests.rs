@@ -1,5 +1,6 @@
 //! The estimate is a function of solution and samples; modes, gaps and bad input.
 
+use crate::gaps::Inflation;
 use approx::assert_relative_eq;
 use nalgebra::SVector;
 
@@ -101,7 +102,7 @@ fn state_and_covariance_are_those_of_transport() {
         accel_body: Vector3::from(sample(index).accel_body),
     };
     for index in 0..200 {
-        increment.step(&config().vehicle.imu, 0.005, &point(index), &point(index + 1), 1.0);
+        increment.step(&config().vehicle.imu, 0.005, &point(index), &point(index + 1), Inflation::NONE);
     }
     let end = transport(&state, &increment, &world());
     assert_relative_eq!(Vector3::from(last.position_enu), end.position_enu, epsilon = 1e-9);
