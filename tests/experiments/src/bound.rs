@@ -12,6 +12,7 @@
 
 use nalgebra::{DMatrix, Matrix3, SMatrix, UnitQuaternion, Vector3};
 use nav_geometry::Geodetic;
+use nav_models::gaps::Inflation;
 use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
 use nav_models::{ImuPoint, NavState, Preintegration, SensorModel, WorldModel, transport_jacobians};
 use nav_preprocessing::Preprocessor;
@@ -182,7 +183,7 @@ fn transition_over(
         ..samples.partition_point(|(t_sample, _)| *t_sample < to);
     let end = (to, at(to)?);
     for (t_next, next) in samples.get(inside)?.iter().chain(std::iter::once(&end)) {
-        piece.step(&config.vehicle.imu, (*t_next - t).as_seconds(), &point, next, 1.0);
+        piece.step(&config.vehicle.imu, (*t_next - t).as_seconds(), &point, next, Inflation::NONE);
         (t, point) = (*t_next, *next);
     }
     let jacobians = transport_jacobians(&state_at(world, from), &piece, world_model);
