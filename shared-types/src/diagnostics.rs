@@ -46,7 +46,7 @@ message! {
         solution: u64,
         /// Data time of the keyframe, ns.
         t_keyframe: i64,
-        /// Half the weighted sum of squares before and after the solve.
+        /// Half the robust sum of squares of the measurements in the window before and after the solve.
         cost: [f64; 2],
         /// Iterations.
         iterations: u32,

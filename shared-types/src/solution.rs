@@ -81,7 +81,7 @@ message! {
         time_offset: [f64; 5],
         /// 1-sigma of that, s; 0 while nothing speaks against the stamps, or nobody asks.
         time_offset_sigma: [f64; 5],
-        /// Half the weighted sum of squares over the window.
+        /// Half the robust sum of squares of the measurements in the window: about half of what they count.
         cost: f64,
         /// Keyframes in the window.
         keyframes: u32,

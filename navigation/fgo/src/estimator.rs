@@ -275,7 +275,7 @@ impl FgoEstimator {
         self.ties.tie_all(&self.pending[..ready], window, &closing, &mut self.report);
         self.pending.drain(..ready);
         window.join(&self.history, &self.imu);
-        self.report.cost[0] = window.cost();
+        self.report.cost[0] = window.measurement_cost();
 
         let max_passes = match effort {
             Effort::Full => self.config.navigator.fgo.max_iterations,
@@ -315,7 +315,7 @@ impl FgoEstimator {
             let by_offset = window.state_by_offset(sensor, term);
             self.newest_covariance += by_offset * by_offset.transpose() * variance;
         }
-        self.report.cost[1] = window.cost();
+        self.report.cost[1] = window.measurement_cost();
         if let Some(oldest) = window.nodes().front().map(|node| node.t) {
             self.history.forget_before(oldest);
         }

@@ -144,6 +144,17 @@ impl Between {
         changed
     }
 
+    /// Half the robust sum of squares after a step δ of the keyframe before.
+    pub fn cost(&self, delta: &BlockVector<DIM>) -> f64 {
+        let mut losses = Losses::default();
+        for reading in &self.readings {
+            if let Some(s) = reading.squared_norm(delta) {
+                losses.add(reading.factor.kernel, s);
+            }
+        }
+        0.5 * losses.sum()
+    }
+
     /// How much half the robust sum of squares after a step δ lies above the weighted one, which the interval's normal
     /// equations hold: ½ Σ (ρ(s) − w s).
     pub fn robust_surplus(&self, delta: &BlockVector<DIM>) -> f64 {

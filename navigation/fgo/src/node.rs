@@ -64,7 +64,7 @@ pub struct Node {
     pub columns: Columns,
     /// The step at which its weights were last taken; `None` where measurements have come since.
     weighted_at: Option<BlockVector<DIM>>,
-    /// Half the robust sum of squares of its measurements and its interval, when last summed.
+    /// Half the robust sum of squares of its measurements, when last summed.
     cost: f64,
     /// The step at which that was; `None` where what is summed has changed since.
     counted_at: Option<BlockVector<DIM>>,
@@ -216,11 +216,6 @@ impl Node {
     /// To be said where measurements were added or linearised anew.
     pub fn has_changed(&mut self) {
         self.weighted_at = None;
-        self.uncount();
-    }
-
-    /// To be said where the cost must be summed anew.
-    pub fn uncount(&mut self) {
         self.counted_at = None;
     }
 
@@ -234,9 +229,9 @@ impl Node {
         self.cost
     }
 
-    /// Takes the cost at the present step.
-    pub fn count(&mut self, cost: f64) {
-        self.cost = cost;
+    /// Sums the cost at the present step.
+    pub fn count(&mut self) {
+        self.cost = wide(|| self.rows.cost(&self.delta)) + self.between.cost(&self.delta);
         self.counted_at = Some(self.delta);
     }
 

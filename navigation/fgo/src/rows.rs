@@ -60,11 +60,8 @@ impl Slope {
     };
 }
 
-/// The least steepness that a coordinate is taken to have, per m, m/s, rad, m/s² and rad/s: what an interval feels.
-const STEEPNESS_MIN: [f64; DIM / 3] = [3.0, 10.0, 500.0, 100.0, 5000.0];
-
 /// All rows tied to one keyframe.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Rows {
     rows: Vec<Row>,
     spans: Vec<Span>,
@@ -72,18 +69,12 @@ pub struct Rows {
     steepest: BlockVector<DIM>,
 }
 
-impl Default for Rows {
-    fn default() -> Self {
-        Rows { rows: Vec::new(), spans: Vec::new(), steepest: steepness_min() }
-    }
-}
-
 impl Rows {
     /// Removes every row; keeps the memory.
     pub fn clear(&mut self) {
         self.rows.clear();
         self.spans.clear();
-        self.steepest = steepness_min();
+        self.steepest = BlockVector::zeros();
     }
 
     /// Appends a group of the sensor at this place in [`AIDING`].
@@ -256,10 +247,6 @@ impl Rows {
         }
         0.5 * losses.sum()
     }
-}
-
-fn steepness_min() -> BlockVector<DIM> {
-    BlockVector::from_fn(|i, _| STEEPNESS_MIN[i / 3])
 }
 
 /// target += Σ w j jᵀ, column by column: a column stays in registers while all rows pass.

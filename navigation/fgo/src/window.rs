@@ -239,7 +239,6 @@ impl Window {
         let node = &mut self.nodes[index];
         let Node { linearised: near, interval, between, .. } = &mut **node;
         interval.linearise(near, &far, between, &self.world);
-        node.uncount();
         self.dirty = self.dirty.min(index);
     }
 
@@ -475,11 +474,10 @@ impl Window {
                 self.linearise_interval(index - 1);
             }
             before_moved = moved;
-            self.nodes[index].uncount();
         }
         self.dirty = 0;
         self.uncounted = 0;
-        self.cost() + self.prior_cost()
+        self.whole_cost() + self.prior_cost()
     }
 
     /// Half the squared norm of the prior at the estimate: ½‖L⁻¹η − Lᵀδ‖², Λ = LLᵀ.
@@ -570,24 +568,27 @@ impl Window {
         covariance.iter().all(|x| x.is_finite()).then_some(covariance)
     }
 
-    /// Half the robust sum of squares over all measurements and intervals at the present estimate, as far as the linear
-    /// model tells; the prior is left out. Only what changed visibly since the last call is summed anew.
-    pub fn cost(&mut self) -> f64 {
-        // An interval belongs to its earlier keyframe, and changes with the later one.
-        let first = self.uncounted.saturating_sub(1);
-        let mut is_uncounted = self.nodes.get(first).is_some_and(|node| node.is_uncounted());
-        for index in first..self.nodes.len() {
-            let (node, next) = (&self.nodes[index], self.nodes.get(index + 1));
-            let next_is_uncounted = next.is_some_and(|next| next.is_uncounted());
-            if is_uncounted || next_is_uncounted {
-                let inertial = next.map_or(0.0, |next| wide(|| interval_cost(node, next)));
-                let cost = wide(|| node.rows.cost(&node.delta)) + inertial;
-                self.nodes[index].count(cost);
+    /// Half the robust sum of squares over all measurements in the window at the present estimate: about half of what they count.
+    /// Intervals are left out: a step that was not carried on to older states, small as it is, is large in the sigmas of an interval.
+    /// Only what changed visibly since the last call is summed anew.
+    pub fn measurement_cost(&mut self) -> f64 {
+        for node in self.nodes.range_mut(self.uncounted..) {
+            if node.is_uncounted() {
+                node.count();
             }
-            is_uncounted = next_is_uncounted;
         }
         self.uncounted = self.nodes.len();
         self.nodes.iter().map(|node| node.cost()).sum()
+    }
+
+    /// Half the robust sum of squares over all measurements and intervals, as far as the linear model tells, where every step was
+    /// carried to every state; the prior is left out.
+    fn whole_cost(&self) -> f64 {
+        let cost = |index: usize, node: &Node| {
+            let inertial = self.nodes.get(index + 1).map_or(0.0, |next| wide(|| interval_cost(node, next)));
+            wide(|| node.rows.cost(&node.delta)) + inertial
+        };
+        self.nodes.iter().enumerate().map(|(index, node)| cost(index, node)).sum()
     }
 }
 

@@ -17,6 +17,22 @@ fn without_noise_the_error_vanishes() {
 }
 
 #[test]
+fn the_cost_of_a_window_is_about_half_of_what_was_measured() {
+    for sets in [&[][..], &["dvl.enabled=false"], &["keyframes.anchor=joint"]] {
+        let ran = Run { preset: Preset::Realistic, sets, until: 120.0, ..MISSION }.go();
+        // Four ranges, ten headings and ten depths a second, three components of a fix and of each of five Doppler velocities.
+        let rows = 21.0 * if sets.contains(&"dvl.enabled=false") { 27.0 } else { 42.0 };
+        let full = ran.solutions.iter().filter(|solution| solution.keyframes == 21);
+        let costs: Vec<f64> = full.map(|solution| solution.cost).collect();
+        assert!(costs.len() > 60, "{} windows", costs.len());
+        // Kernels take a little off.
+        let is_plausible = |cost: &f64| (0.25..0.65).contains(&(cost / rows));
+        let odd: Vec<&f64> = costs.iter().filter(|cost| !is_plausible(cost)).collect();
+        assert!(odd.is_empty(), "{sets:?}, {rows} rows: {odd:?}");
+    }
+}
+
+#[test]
 fn time_offsets_that_are_not_modelled_show() {
     // Left alone, the detector takes what PF does to a stamp for a late clock, and mends a part of it.
     let mut sets = vec!["keyframes.anchor=pf".to_owned()];
