@@ -7,7 +7,7 @@ use std::io::Write;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use harness::{ILNS, PATIENCE, STOP_LIMIT, Set, assert_nothing_left, ilns, kill, lives, process};
+use harness::{ILNS, PATIENCE, STOP_LIMIT, Set, adopt_orphans, assert_nothing_left, ilns, kill, lives, process};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -173,6 +173,7 @@ fn a_killed_supervisor_takes_its_processes_along_and_the_next_begins_afresh() {
 fn a_supervisor_that_resumes_goes_on_from_the_last_solution_beside_a_stopped_process_of_the_dead_one() {
     const MISSION: [&str; 6] = ["run", "--headless", "--scenario", "stable", "--rate", "4"];
     let solves = |status: &Value| rate(status, "nav/solution") > 1.0;
+    adopt_orphans();
     let mut set = Set::start("resumes", &MISSION);
     let status = set.status_when("solutions come", solves);
     let orphan = process(&status, "emulator-dvl")["pid"].as_u64().expect("a number") as u32;

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use rustix::process::{
+    Pid, Signal, WaitOptions, getpid, kill_process, set_child_subreaper, test_kill_process, waitpid,
+};
 use serde_json::Value;
 use shared_types::Time;
 
@@ -129,8 +131,17 @@ pub fn kill(pid: u32, signal: Signal) {
     kill_process(pid, signal).expect("it lives");
 }
 
+/// Whether it runs; a dead one that came to this process as its child is buried.
 pub fn lives(pid: u32) -> bool {
-    test_kill_process(Pid::from_raw(pid as i32).expect("a process number")).is_ok()
+    let pid = Pid::from_raw(pid as i32).expect("a process number");
+    let _ = waitpid(Some(pid), WaitOptions::NOHANG);
+    test_kill_process(pid).is_ok()
+}
+
+/// Makes this process the parent of whatever its children leave behind. Left to another session, a *stopped* process
+/// whose supervisor dies would be hung up and continued by the kernel at once: its process group is an orphan then.
+pub fn adopt_orphans() {
+    set_child_subreaper(Some(getpid())).expect("a process may adopt what its children leave");
 }
 
 /// Everything on this machine that bears the name of the set.
