@@ -13,7 +13,7 @@ use nav_models::wide;
 
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::Block;
-use crate::node::lengths;
+use crate::node::{Node, lengths};
 use crate::rows::DIM;
 use crate::window::Window;
 
@@ -109,6 +109,16 @@ impl Window {
         }
         let state = self.nodes().front()?.linearised.retract(&delta);
         (state.is_finite() && covariance.iter().all(|x| x.is_finite())).then_some((state, covariance))
+    }
+
+    /// Half the robust sum of squares over all measurements and intervals, as far as the linear model tells, where every step was
+    /// carried to every state; the prior is left out.
+    pub(crate) fn whole_cost(&self) -> f64 {
+        let cost = |index: usize, node: &Node| {
+            let inertial = self.nodes().get(index + 1).map_or(0.0, |next| wide(|| node.interval_cost(next)));
+            wide(|| node.rows.cost(&node.delta)) + inertial
+        };
+        self.nodes().iter().enumerate().map(|(index, node)| cost(index, node)).sum()
     }
 
     /// Sweeps and substitutes over all links; the largest step by position, velocity and attitude. `None` if the matrix

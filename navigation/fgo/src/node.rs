@@ -32,7 +32,7 @@ const BATCH_ATTITUDE: f64 = 1e-4;
 /// Where no residual changed by more, in sigmas, a cost stands to a few hundredths.
 const COUNTED: f64 = 0.05;
 
-/// A step smaller than this need not be carried to older states (§4.3).
+/// What has gathered since older states last heard of it need not be carried to them while it is smaller (§4.3).
 const CARRY_POSITION: f64 = 3e-3;
 const CARRY_VELOCITY: f64 = 3e-3;
 const CARRY_ATTITUDE: f64 = 5e-5;
@@ -62,6 +62,8 @@ pub struct Node {
     pub link: Link<DIM>,
     /// The time offsets' columns beside it.
     pub columns: Columns,
+    /// The step that older states were last told of.
+    carried: BlockVector<DIM>,
     /// The step at which its weights were last taken; `None` where measurements have come since.
     weighted_at: Option<BlockVector<DIM>>,
     /// Half the robust sum of squares of its measurements, when last summed.
@@ -189,6 +191,7 @@ impl Node {
             between: Between::default(),
             link: Link::default(),
             columns: Columns::default(),
+            carried: BlockVector::zeros(),
             weighted_at: None,
             cost: 0.0,
             counted_at: None,
@@ -210,6 +213,7 @@ impl Node {
         self.interval.far = (Block::zeros(), BlockVector::zeros());
         self.interval.coupling_transposed = Block::zeros();
         self.interval.cost = 0.0;
+        self.carried = BlockVector::zeros();
         self.has_changed();
     }
 
@@ -262,7 +266,8 @@ impl Node {
             && self.between.is_empty()
             && self.rows.most_felt(&(self.delta - weighted_at)) < tolerance
         {
-            // No kernel's weight changes by more than one per sigma of its residual.
+            // A weight of scale c changes by at most 0.65/c per sigma of its residual, and by twice that where the mean of a group
+            // moves against it: about one for the scales in use. Narrower kernels follow at the next larger step.
             return false;
         }
         self.weighted_at = Some(self.delta);
@@ -277,13 +282,21 @@ impl Node {
         self.between.prepare(self.t, &closed.factor.preintegration, history, imu)
     }
 
-    /// Takes a new total step. Says whether older states feel the change.
-    pub fn take_step(&mut self, delta: BlockVector<DIM>) -> bool {
-        let change = delta - self.delta;
+    /// Takes a new total step.
+    pub fn take_step(&mut self, delta: BlockVector<DIM>) {
         self.delta = delta;
         self.state = self.linearised.retract(&delta);
-        let [position, velocity, attitude] = lengths(&change);
+    }
+
+    /// Whether older states would feel what has changed here since they were told.
+    pub fn is_felt(&self) -> bool {
+        let [position, velocity, attitude] = lengths(&(self.delta - self.carried));
         !(position < CARRY_POSITION && velocity < CARRY_VELOCITY && attitude < CARRY_ATTITUDE)
+    }
+
+    /// To be said where the present step is carried to older states.
+    pub fn mark_carried(&mut self) {
+        self.carried = self.delta;
     }
 
     /// Whether it is too far from its linearisation point, or its biases from those of its interval.
@@ -344,11 +357,25 @@ impl Node {
         self.linearise_sensors(world);
     }
 
+    /// ½‖r + J δ‖² of the interval to the next keyframe, from its normal equations.
+    #[inline(always)]
+    pub fn interval_cost(&self, next: &Node) -> f64 {
+        let interval = &self.interval;
+        // ½δᵀAδ − gᵀδ as ½δᵀ(Aδ − 2g), and A is symmetric; the coupling is held transposed.
+        let (mut near_slope, mut far_slope) = (interval.near.1 * -2.0, interval.far.1 * -2.0);
+        add_times_transposed(&mut near_slope, &interval.near.0, &self.delta, 1.0);
+        add_times_transposed(&mut far_slope, &interval.far.0, &next.delta, 1.0);
+        add_times_transposed(&mut far_slope, &interval.coupling_transposed, &self.delta, 2.0);
+        let twice = dot(&near_slope, &self.delta) + dot(&far_slope, &next.delta);
+        (interval.cost + 0.5 * twice).max(0.0) + self.between.robust_surplus(&self.delta)
+    }
+
     /// Moves the linearisation point to the present estimate; returns the step that was taken.
     pub fn reanchor(&mut self) -> BlockVector<DIM> {
         let step = self.delta;
         self.linearised = self.state;
         self.delta = BlockVector::zeros();
+        self.carried -= step;
         step
     }
 }

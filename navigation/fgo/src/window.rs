@@ -23,9 +23,7 @@ use crate::chain::Marginal;
 use crate::columns::{Before, ColumnPrior, OffsetScore, TERMS, fading};
 use crate::factor::{Factor, MeasuredRows};
 use crate::interval::{ImuHistory, ImuModel};
-use crate::kernels::{
-    Block, BlockVector, NotPositiveDefinite, add_times_transposed, cholesky, dot, inverse_from_cholesky, solve_lower,
-};
+use crate::kernels::{Block, BlockVector, NotPositiveDefinite, cholesky, inverse_from_cholesky, solve_lower};
 use crate::node::{Node, lengths};
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Row};
@@ -323,10 +321,11 @@ impl Window {
         for index in (0..self.nodes.len()).rev() {
             let node = &mut self.nodes[index];
             let delta = wide(|| node.link.substitute(next.as_ref()));
-            let is_felt = node.take_step(delta);
-            if !is_felt && index <= first_changed {
+            node.take_step(delta);
+            if index <= first_changed && !node.is_felt() {
                 return index;
             }
+            node.mark_carried();
             next = Some(delta);
         }
         0
@@ -556,6 +555,7 @@ impl Window {
             let delta = wide(|| node.link.substitute(next.as_ref()));
             let change = delta - node.delta;
             node.take_step(delta);
+            node.mark_carried();
             show(&change);
             next = Some(delta);
         }
@@ -580,27 +580,4 @@ impl Window {
         self.uncounted = self.nodes.len();
         self.nodes.iter().map(|node| node.cost()).sum()
     }
-
-    /// Half the robust sum of squares over all measurements and intervals, as far as the linear model tells, where every step was
-    /// carried to every state; the prior is left out.
-    fn whole_cost(&self) -> f64 {
-        let cost = |index: usize, node: &Node| {
-            let inertial = self.nodes.get(index + 1).map_or(0.0, |next| wide(|| interval_cost(node, next)));
-            wide(|| node.rows.cost(&node.delta)) + inertial
-        };
-        self.nodes.iter().enumerate().map(|(index, node)| cost(index, node)).sum()
-    }
-}
-
-/// ½‖r + J δ‖² of one interval from its normal equations.
-#[inline(always)]
-fn interval_cost(near: &Node, far: &Node) -> f64 {
-    let interval = &near.interval;
-    // ½δᵀAδ − gᵀδ as ½δᵀ(Aδ − 2g), and A is symmetric; the coupling is held transposed.
-    let (mut near_slope, mut far_slope) = (interval.near.1 * -2.0, interval.far.1 * -2.0);
-    add_times_transposed(&mut near_slope, &interval.near.0, &near.delta, 1.0);
-    add_times_transposed(&mut far_slope, &interval.far.0, &far.delta, 1.0);
-    add_times_transposed(&mut far_slope, &interval.coupling_transposed, &near.delta, 2.0);
-    let twice = dot(&near_slope, &near.delta) + dot(&far_slope, &far.delta);
-    (interval.cost + 0.5 * twice).max(0.0) + near.between.robust_surplus(&near.delta)
 }
