@@ -2,54 +2,67 @@
 //!
 //! | part | still | moving |
 //! |---|---|---|
-//! | tilt | mean specific force over ≥ 2 s | the same, less the acceleration that the DVL saw |
+//! | tilt | mean specific force over ≥ 2 s | the same, turned along by the gyroscope, less the acceleration that the DVL saw |
 //! | heading | MCP | MCP, else the GNSS track (10°) |
-//! | velocity | 0 | DVL, else GNSS differences, else 0 with the sigma of a vehicle under way |
-//! | position | GNSS − R l, else ranges and depth | the same |
+//! | velocity | DVL, else 0 within what the GNSS track excludes | DVL, else the track, else 0 with the sigma of a vehicle under way |
+//! | position | GNSS and depth, else ranges and depth | the same |
 //! | gyroscope bias | mean rate − Rᵀω | 0 |
+//!
+//! What a table's cell names is a guess. Readings are older than the keyframe, and the vehicle has moved on meanwhile: the
+//! adjustment carries them there over the samples, and finds state and covariance together. An IMU alone cannot tell rest
+//! from a smooth ride: what is called still has a velocity of 0 ± 1.5 m/s unless DVL or GNSS say more.
 //!
 //! `initial.*` of the configuration holds at `initial.t` (or at the first IMU sample) and is carried to the keyframe over the
 //! samples between; where the samples begin later than that it is left aside. `sigma_attitude` is about body x, body y and the up axis: `P_θ = A diag(σ²)Aᵀ`, `A = [e₁ e₂ Rᵀẑ]`.
 //! Levelled by the accelerometer, tilt and accelerometer bias share an error: `δθ = [ẑ_b]× b_a/g`, and the covariance says so.
 
+mod adjustment;
 mod attitude;
 mod position;
 #[cfg(test)]
 mod tests;
 
-use crate::gaps::Inflation;
 use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3};
 use nav_geometry::so3;
 use shared_types::{Config, Duration, Measurement, Reading, Time};
 
-use crate::preintegration::{ImuPoint, Preintegration};
+use adjustment::Adjustment;
+
+use crate::imu_history::{ImuHistory, ImuModel};
+use crate::preintegration::ImuPoint;
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::transport::{transport, transport_jacobians};
 use crate::world::WorldModel;
 
-/// IMU samples kept: 20 s at 200 Hz.
+/// IMU samples are kept for so long, and at first there is room for so many: 20 s at 200 Hz.
+const SAMPLES_KEPT_FOR: Duration = Duration(20_000_000_000);
 const SAMPLES_KEPT: usize = 4096;
 /// Ranges kept of the newest epoch.
 const RANGES_KEPT: usize = 32;
 /// Readings of slower sensors kept.
 const READINGS_KEPT: usize = 64;
-/// A reading further from the keyframe does not speak of it.
+/// A reading older than this does not speak of the keyframe.
 const READING_AGE_MAX: Duration = Duration(1_500_000_000);
 /// 1-sigma of the velocity of a vehicle at rest, m/s.
 const STILL_VELOCITY_SIGMA: f64 = 0.02;
-/// 1-sigma of the velocity of a vehicle under way of which no sensor speaks, m/s.
+/// 1-sigma of the velocity of a vehicle of which no sensor speaks, m/s.
 const UNKNOWN_VELOCITY_SIGMA: f64 = 1.5;
+/// The same before the DVL has spoken, m/s: it takes nothing from what that says.
+const UNSAID_VELOCITY_SIGMA: f64 = 100.0;
+
+/// Readings of one sensor in the order of their coming, each with the time at which it was valid.
+type Readings<T> = VecDeque<(Time, T)>;
 
 /// What the aiding sensors said, newest last.
 #[derive(Clone, Debug, Default)]
 struct Heard {
-    /// Time, antenna, sigmas.
-    gnss: VecDeque<(Time, Vector3<f64>, Vector3<f64>)>,
-    dvl: VecDeque<(Time, Vector3<f64>)>,
-    mcp: VecDeque<(Time, f64)>,
-    ps: VecDeque<(Time, f64)>,
+    /// Antenna and sigmas.
+    gnss: Readings<(Vector3<f64>, Vector3<f64>)>,
+    dvl: Readings<Vector3<f64>>,
+    mcp: Readings<f64>,
+    ps: Readings<f64>,
     ranges: Vec<position::Range>,
     epoch: Option<u32>,
 }
@@ -58,7 +71,8 @@ struct Heard {
 #[derive(Clone, Debug)]
 pub struct Initialiser {
     config: Config,
-    samples: VecDeque<(Time, ImuPoint)>,
+    imu: ImuModel,
+    samples: ImuHistory,
     t_first_sample: Option<Time>,
     heard: Heard,
 }
@@ -73,12 +87,19 @@ fn keep<T>(readings: &mut VecDeque<T>, reading: T) {
     readings.push_back(reading);
 }
 
+/// The newest reading at a keyframe or shortly before it: what comes after it is the estimator's to use.
+fn newest_at<T>(readings: &Readings<T>, t_keyframe: Time) -> Option<&(Time, T)> {
+    let is_near = |t: Time| t <= t_keyframe && t_keyframe - t <= READING_AGE_MAX;
+    readings.iter().filter(|(t, _)| is_near(*t)).max_by_key(|(t, _)| *t)
+}
+
 impl Initialiser {
     /// With the facts of the vehicle and `initial.*` of `config`.
     pub fn new(config: &Config) -> Initialiser {
         Initialiser {
             config: config.clone(),
-            samples: VecDeque::with_capacity(SAMPLES_KEPT),
+            imu: ImuModel { noise: config.vehicle.imu.clone(), gate: config.navigator.imu },
+            samples: ImuHistory::with_capacity(SAMPLES_KEPT),
             t_first_sample: None,
             heard: Heard::default(),
         }
@@ -93,21 +114,18 @@ impl Initialiser {
         let t = measurement.t_valid();
         match reading {
             Reading::Imu { gyro_body, accel_body } => {
-                if self.samples.back().is_some_and(|(last, _)| *last >= t) {
+                let point = ImuPoint { gyro_body: Vector3::from(gyro_body), accel_body: Vector3::from(accel_body) };
+                if !self.samples.push(t, point) {
                     return;
                 }
-                if self.samples.len() == SAMPLES_KEPT {
-                    self.samples.pop_front();
-                }
+                self.samples.forget_before(t - SAMPLES_KEPT_FOR);
                 if self.t_first_sample.is_none() {
                     self.t_first_sample = Some(t);
                     self.forget_what_is_past(t);
                 }
-                let point = ImuPoint { gyro_body: Vector3::from(gyro_body), accel_body: Vector3::from(accel_body) };
-                self.samples.push_back((t, point));
             }
             Reading::Gnss { antenna_enu, sigma_enu } => {
-                keep(&mut self.heard.gnss, (t, Vector3::from(antenna_enu), Vector3::from(sigma_enu)));
+                keep(&mut self.heard.gnss, (t, (Vector3::from(antenna_enu), Vector3::from(sigma_enu))));
             }
             Reading::Dvl { velocity_dvl } => keep(&mut self.heard.dvl, (t, Vector3::from(velocity_dvl))),
             Reading::Mcp { heading } => keep(&mut self.heard.mcp, (t, heading)),
@@ -158,30 +176,49 @@ impl Initialiser {
 
     fn measured_state(&self, t_keyframe: Time, world: &WorldModel) -> Option<(NavState, Covariance)> {
         let vehicle = &self.config.vehicle;
+        let samples = self.samples_to(t_keyframe)?;
         let motion = self.motion_at(t_keyframe)?;
-        let attitude = self.attitude_at(t_keyframe, &motion, world)?;
+        let attitude = self.attitude_at(t_keyframe, &motion, &samples, world)?;
         let r_enu_body = attitude.q_enu_body.to_rotation_matrix().into_inner();
-        let (velocity_enu, velocity_cov) = self.velocity_at(t_keyframe, &motion, &attitude, world);
-        let (position_enu, position_cov) = self.position_at(t_keyframe, &r_enu_body, world)?;
+        let velocity = self.velocity_at(t_keyframe, &motion, &attitude, world);
+        let place = self.position_at(t_keyframe, &r_enu_body, world)?;
         // A mean rate that no turn-on bias explains is a turn, and tells nothing of the bias.
         let rest_rate = motion.mean_gyro - r_enu_body.tr_mul(&world.earth_rate_enu);
         let is_bias = motion.is_still && rest_rate.amax() < 4.0 * vehicle.imu.gyro_bias_sigma;
-        let state = NavState {
-            position_enu,
-            velocity_enu,
+        let guess = NavState {
+            position_enu: place.position_enu,
+            velocity_enu: velocity.velocity_enu,
             q_enu_body: attitude.q_enu_body,
             accel_bias: Vector3::zeros(),
             gyro_bias: if is_bias && vehicle.initial.q_enu_body.is_none() { rest_rate } else { Vector3::zeros() },
         };
-        let mut covariance = self.prior_covariance(&state);
-        covariance.fixed_view_mut::<3, 3>(POSITION, POSITION).copy_from(&position_cov);
-        covariance.fixed_view_mut::<3, 3>(VELOCITY, VELOCITY).copy_from(&velocity_cov);
+        let mut covariance = self.prior_covariance(&guess);
+        covariance.fixed_view_mut::<3, 3>(POSITION, POSITION).copy_from(&place.covariance);
+        covariance.fixed_view_mut::<3, 3>(VELOCITY, VELOCITY).copy_from(&velocity.covariance);
         let attitude_cov = attitude_covariance(&r_enu_body, &attitude.sigma);
         covariance.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE).copy_from(&attitude_cov);
         if attitude.is_levelled {
             self.add_levelling(&r_enu_body, &attitude.sigma, &mut covariance);
         }
-        state.is_finite().then_some((state, covariance))
+        let around = (&self.imu, &self.config, world);
+        let mut adjustment = Adjustment::around(&guess, t_keyframe, &samples, around);
+        // One that the samples do not reach is left out; whether enough is left, the covariance says.
+        for (t, reading) in place.readings.iter().chain(&velocity.readings) {
+            adjustment.take(*t, reading);
+        }
+        let (state, covariance) = adjustment.solve(&covariance)?;
+        let is_placed = (0..3).all(|axis| covariance[(axis, axis)] <= position::WORST_SIGMA.powi(2));
+        ((is_placed || place.readings.is_empty()) && state.is_finite()).then_some((state, covariance))
+    }
+
+    /// The samples, the newest of them held to the keyframe where they end before it.
+    fn samples_to(&self, t_keyframe: Time) -> Option<ImuHistory> {
+        let mut samples = self.samples.clone();
+        let newest = samples.newest()?;
+        if newest < t_keyframe {
+            samples.push(t_keyframe, samples.at(newest)?);
+        }
+        Some(samples)
     }
 
     /// diag of the configured sigmas, attitude by its three axes.
@@ -230,34 +267,9 @@ impl Initialiser {
         if t_keyframe <= t_given {
             return Some((*state, *covariance));
         }
-        let mut increment = Preintegration::new(state.accel_bias, state.gyro_bias);
-        let mut reached = t_given;
-        for index in 0..self.samples.len() {
-            let (t_next, next) = self.samples[index];
-            if t_next <= reached {
-                continue;
-            }
-            let previous = index.checked_sub(1).map_or((reached, next), |before| self.samples[before]);
-            let t_end = t_next.min(t_keyframe);
-            let at = |t: Time| {
-                let spacing = (t_next - previous.0).as_seconds();
-                ImuPoint::interpolate(&previous.1, &next, (t - previous.0).as_seconds() / spacing)
-            };
-            increment.step(
-                &self.config.vehicle.imu,
-                (t_end - reached).as_seconds(),
-                &at(reached),
-                &at(t_end),
-                Inflation::NONE,
-            );
-            reached = t_end;
-            if reached == t_keyframe {
-                break;
-            }
-        }
-        if reached < t_keyframe {
-            return None;
-        }
+        let mut samples = self.samples.clone();
+        samples.hold_back_to(t_given);
+        let increment = samples.integrate(t_given, t_keyframe, &state.accel_bias, &state.gyro_bias, &self.imu)?;
         let jacobians = transport_jacobians(state, &increment, world);
         let mut by_state = Covariance::identity();
         by_state.fixed_view_mut::<9, ERROR_DIM>(0, 0).copy_from(&jacobians.state);

@@ -5,8 +5,13 @@
 
 use shared_types::{Duration, Time};
 
-/// Four periods of a 200 Hz instrument.
-const LIMIT: i64 = 20_000_000;
+/// INVALID is out four periods of a 200 Hz instrument after the last sample, ns.
+#[cfg(test)]
+const DECLARED: i64 = 20_000_000;
+/// So the word falls earlier: by the shortest sleep, and by as much again for waking and publishing.
+const LIMIT: i64 = 18_000_000;
+/// Shortest sleep, ns.
+const SLEEP_AT_LEAST: i64 = 1_000_000;
 
 /// Between two estimates without IMU, monotonic ns: enough to act upon, and an idle set uses no CPU.
 const PERIOD: i64 = 50_000_000;
@@ -49,7 +54,7 @@ impl Silence {
 
     /// How long to sleep at most from the monotonic time `mono` on, so as not to be late, ns.
     pub(crate) fn patience(&self, mono: i64) -> i64 {
-        self.last.map_or(PERIOD, |last| (last.next_word - mono).clamp(1_000_000, PERIOD))
+        self.last.map_or(PERIOD, |last| (last.next_word - mono).clamp(SLEEP_AT_LEAST, PERIOD))
     }
 }
 
@@ -65,27 +70,27 @@ mod tests {
     }
 
     #[test]
-    fn silence_is_declared_after_four_periods_and_then_twenty_times_a_second() {
+    fn silence_is_declared_within_four_periods_and_then_twenty_times_a_second() {
         let mut silence = Silence::new(1.0);
         silence.heard(Time(7 * MS), 100 * MS);
-        assert_eq!(silence.due(119 * MS), None);
-        assert_eq!(silence.due(120 * MS), Some(Time(27 * MS)));
-        assert_eq!(silence.due(169 * MS), None);
-        assert_eq!(silence.due(170 * MS), Some(Time(77 * MS)));
-        silence.heard(Time(80 * MS), 171 * MS);
-        assert_eq!(silence.due(190 * MS), None);
+        assert_eq!(silence.due(117 * MS), None);
+        assert_eq!(silence.due(118 * MS), Some(Time(25 * MS)));
+        assert_eq!(silence.due(167 * MS), None);
+        assert_eq!(silence.due(168 * MS), Some(Time(75 * MS)));
+        silence.heard(Time(80 * MS), 169 * MS);
+        assert_eq!(silence.due(186 * MS), None);
     }
 
     #[test]
     fn a_slow_replay_is_not_silent_and_a_fast_one_is_given_the_same_patience() {
         let mut slow = Silence::new(0.1);
         slow.heard(Time(0), 0);
-        assert_eq!(slow.due(199 * MS), None);
-        assert_eq!(slow.due(200 * MS), Some(Time(20 * MS)));
+        assert_eq!(slow.due(179 * MS), None);
+        assert_eq!(slow.due(180 * MS), Some(Time(18 * MS)));
         let mut fast = Silence::new(10.0);
         fast.heard(Time(0), 0);
-        assert_eq!(fast.due(19 * MS), None);
-        assert_eq!(fast.due(20 * MS), Some(Time(200 * MS)));
+        assert_eq!(fast.due(17 * MS), None);
+        assert_eq!(fast.due(18 * MS), Some(Time(180 * MS)));
     }
 
     #[test]
@@ -93,7 +98,21 @@ mod tests {
         let mut silence = Silence::new(1.0);
         assert_eq!(silence.patience(0), PERIOD);
         silence.heard(Time(0), 0);
-        assert_eq!(silence.patience(5 * MS), 15 * MS);
+        assert_eq!(silence.patience(5 * MS), 13 * MS);
         assert_eq!(silence.patience(25 * MS), MS, "late already, but never a spinning loop");
+    }
+
+    #[test]
+    fn whenever_the_driver_dies_silence_is_declared_within_four_periods_of_its_last_sample() {
+        // Wherever within the sleep the last wake-up before the limit fell.
+        for woken in (0..LIMIT).step_by(100_000) {
+            let mut silence = Silence::new(1.0);
+            silence.heard(Time(0), 0);
+            let mut mono = woken;
+            while silence.due(mono).is_none() {
+                mono += silence.patience(mono);
+            }
+            assert!(mono <= DECLARED - SLEEP_AT_LEAST, "woken at {woken} ns, declared at {mono} ns");
+        }
     }
 }

@@ -1,17 +1,20 @@
-//! First position: a fix less its lever arm, else ranges of one epoch and the depth.
+//! First position: a fix less its lever arm, else ranges of one epoch and the depth. It is the guess from which, and the choice of
+//! readings with which, [`Adjustment`] finds the position at the keyframe.
 //!
 //! Ranges to buoys at one height have two solutions, one the mirror of the other. Gauss-Newton starts on both sides, the
 //! better residual wins and, where they tie, the one under the buoys. The offset that an epoch shares is a fourth unknown with
 //! its prior, so that raw ranges (σ_d = 0), differences (σ_d = ∞, at least four buoys) and what lies between are one thing.
 
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
-use shared_types::Time;
+use shared_types::{Reading, Time};
 
-use super::{Initialiser, READING_AGE_MAX};
+use super::{Initialiser, READING_AGE_MAX, newest_at};
 use crate::world::WorldModel;
 
+/// 1-sigma of a position of which nothing is known yet, m: it takes nothing from what a reading says of it.
+const UNKNOWN_POSITION_SIGMA: f64 = 1e4;
 /// A position that is worse than this tells nothing, m, 1-sigma of an axis.
-const WORST_SIGMA: f64 = 500.0;
+pub(super) const WORST_SIGMA: f64 = 500.0;
 /// Vertical sigma where only the horizontal was reported, m.
 const UNKNOWN_HEIGHT_SIGMA: f64 = 20.0;
 /// Gauss-Newton ends here.
@@ -35,42 +38,53 @@ struct Fix {
     cost: f64,
 }
 
+/// Where the vehicle is, roughly, and what says so.
+pub(super) struct Place {
+    pub(super) position_enu: Vector3<f64>,
+    /// What is known without `readings`.
+    pub(super) covariance: Matrix3<f64>,
+    pub(super) readings: Vec<(Time, Reading)>,
+}
+
 impl Initialiser {
-    pub(super) fn position_at(
-        &self,
-        t_keyframe: Time,
-        r_enu_body: &Matrix3<f64>,
-        world: &WorldModel,
-    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+    pub(super) fn position_at(&self, t_keyframe: Time, r_enu_body: &Matrix3<f64>, world: &WorldModel) -> Option<Place> {
         let initial = &self.config.vehicle.initial;
         if let Some(position) = initial.position_enu {
-            return Some((Vector3::from(position), Matrix3::identity() * initial.sigma_position.powi(2)));
+            let covariance = Matrix3::identity() * initial.sigma_position.powi(2);
+            return Some(Place { position_enu: Vector3::from(position), covariance, readings: Vec::new() });
         }
-        let is_near = |t: Time| (t - t_keyframe).abs() <= READING_AGE_MAX;
-        if let Some((_, antenna, sigma)) = self.heard.gnss.iter().rev().find(|(t, ..)| is_near(*t)) {
-            return Some(self.less_lever_arm(antenna, sigma, r_enu_body, world));
+        let depth = newest_at(&self.heard.ps, t_keyframe).map(|&(t, depth)| (t, Reading::Ps { depth }));
+        if let Some((t, (antenna, sigma))) = newest_at(&self.heard.gnss, t_keyframe) {
+            let lever_arm = Vector3::from(self.config.vehicle.gnss.lever_arm_body);
+            let height = if sigma.z.is_finite() { UNKNOWN_POSITION_SIGMA } else { UNKNOWN_HEIGHT_SIGMA };
+            let sigmas = Vector3::new(UNKNOWN_POSITION_SIGMA, UNKNOWN_POSITION_SIGMA, height);
+            let axes = world.frame.local_axes_at(antenna);
+            let reading = Reading::Gnss { antenna_enu: (*antenna).into(), sigma_enu: (*sigma).into() };
+            return Some(Place {
+                position_enu: antenna - r_enu_body * lever_arm,
+                covariance: axes * Matrix3::from_diagonal(&sigmas.component_mul(&sigmas)) * axes.transpose(),
+                readings: depth.into_iter().chain([(*t, reading)]).collect(),
+            });
         }
         let fix = self.multilaterate(t_keyframe, r_enu_body, world)?;
-        Some((fix.position_enu, fix.covariance))
+        let ranges = self.ranges_at(t_keyframe).map(|range| {
+            let Range { t, range, buoy_enu, buoy_sigma } = *range;
+            (t, Reading::Lbl { buoy: 0, epoch: 0, range, buoy_enu: buoy_enu.into(), buoy_sigma })
+        });
+        Some(Place {
+            position_enu: fix.position_enu,
+            covariance: Matrix3::from_diagonal_element(UNKNOWN_POSITION_SIGMA.powi(2)),
+            readings: depth.into_iter().chain(ranges).collect(),
+        })
     }
 
-    fn less_lever_arm(
-        &self,
-        antenna: &Vector3<f64>,
-        sigma: &Vector3<f64>,
-        r_enu_body: &Matrix3<f64>,
-        world: &WorldModel,
-    ) -> (Vector3<f64>, Matrix3<f64>) {
-        let lever_arm = Vector3::from(self.config.vehicle.gnss.lever_arm_body);
-        let axes = world.frame.local_axes_at(antenna);
-        let sigma = sigma.map(|s| if s.is_finite() { s } else { UNKNOWN_HEIGHT_SIGMA });
-        let covariance = axes * Matrix3::from_diagonal(&sigma.component_mul(&sigma)) * axes.transpose();
-        (antenna - r_enu_body * lever_arm, covariance)
+    /// Ranges of the newest epoch, if it is near the keyframe, which may lie within it.
+    fn ranges_at(&self, t_keyframe: Time) -> impl Iterator<Item = &Range> {
+        self.heard.ranges.iter().filter(move |range| (range.t - t_keyframe).abs() <= READING_AGE_MAX)
     }
 
     fn multilaterate(&self, t_keyframe: Time, r_enu_body: &Matrix3<f64>, world: &WorldModel) -> Option<Fix> {
-        let ranges: Vec<Range> =
-            self.heard.ranges.iter().filter(|range| (range.t - t_keyframe).abs() <= READING_AGE_MAX).copied().collect();
+        let ranges: Vec<Range> = self.ranges_at(t_keyframe).copied().collect();
         let has_common_offset = self.config.navigator.lbl_common_offset_sigma > 0.0;
         if ranges.len() < if has_common_offset { 4 } else { 3 } {
             return None;
@@ -102,8 +116,7 @@ impl Initialiser {
         let vehicle = &self.config.vehicle;
         let transducer = r_enu_body * Vector3::from(vehicle.lbl.lever_arm_body);
         let port = r_enu_body * Vector3::from(vehicle.ps.lever_arm_body);
-        let nearest = self.heard.ps.iter().min_by_key(|(t, _)| (*t - t_keyframe).abs());
-        let depth = nearest.filter(|(t, _)| (*t - t_keyframe).abs() <= READING_AGE_MAX).map(|(_, depth)| *depth);
+        let depth = newest_at(&self.heard.ps, t_keyframe).map(|(_, depth)| *depth);
         let offset_sigma = self.config.navigator.lbl_common_offset_sigma;
         // Raw ranges: an offset held at zero, to a micrometre.
         let offset_information = 1.0 / offset_sigma.max(1e-6).powi(2);

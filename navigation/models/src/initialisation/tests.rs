@@ -4,6 +4,7 @@ use approx::assert_relative_eq;
 use shared_types::KeyframeCause;
 
 use super::*;
+use crate::preintegration::Preintegration;
 use crate::testing::{random, world};
 use crate::transport::transport as carry;
 use rand_distr::{Distribution, Normal};
@@ -55,17 +56,19 @@ fn a_still_vehicle_is_levelled_turned_to_its_compass_and_put_at_its_fix() {
     let mut initialiser = Initialiser::new(&config());
     push_imu(&mut initialiser, 5.0, |_| at_rest());
     push(&mut initialiser, 4.9, &Reading::Mcp { heading: HEADING });
+    push(&mut initialiser, 4.9, &Reading::Dvl { velocity_dvl: [0.0; 3] });
     let position = Vector3::new(12.0, -7.0, 0.3);
     push(&mut initialiser, 4.8, &fix_at(position));
     push(&mut initialiser, 5.0, &Reading::Keyframe { cause: KeyframeCause::Start });
     let (state, covariance) = initialiser.first_state(Time::from_seconds(5.0), &world()).expect("all is there");
     assert_relative_eq!(state.r_enu_body(), r_enu_body(), epsilon = 1e-5);
     assert_relative_eq!(state.position_enu, position, epsilon = 1e-5);
-    assert_eq!(state.velocity_enu, Vector3::zeros());
+    assert_relative_eq!(state.velocity_enu, Vector3::zeros(), epsilon = 1e-5);
     assert_relative_eq!(state.gyro_bias, GYRO_BIAS_TRUE, epsilon = 1e-8);
     assert!(covariance.cholesky().is_some(), "{covariance}");
-    assert_relative_eq!(covariance[(0, 0)].sqrt(), 0.5, max_relative = 1e-6);
-    assert_relative_eq!(covariance[(3, 3)].sqrt(), 0.02, max_relative = 1e-12);
+    // The heading (2°) moves the lever arm (0.4 m) by 1.5 cm.
+    assert_relative_eq!(covariance[(0, 0)].sqrt(), 0.5, max_relative = 1e-3);
+    assert!(covariance[(3, 3)].sqrt() < 0.02, "{} m/s", covariance[(3, 3)].sqrt());
 }
 
 #[test]
@@ -198,8 +201,10 @@ fn an_accelerating_vehicle_is_levelled_by_what_the_dvl_saw() {
     // Coriolis and the Earth's rate are below; without the DVL tilt would be off by 0.03 rad.
     assert_relative_eq!(state.r_enu_body(), r_enu_body(), epsilon = 1e-3);
     assert_relative_eq!(state.velocity_enu, r_enu_body() * Vector3::new(1.7, 0.0, 0.0), epsilon = 2e-3);
-    assert!(covariance[(6, 6)].sqrt() > 0.05, "tilt under way is 3 deg");
-    assert_eq!(state.gyro_bias, Vector3::zeros());
+    // 3° before the velocities are seen; what is left is the heading's 2° about an axis that is 0.2 rad off body z.
+    assert!((3e-4..1e-2).contains(&covariance[(6, 6)].sqrt()), "tilt to {} rad", covariance[(6, 6)].sqrt());
+    let least = config().vehicle.imu.gyro_bias_sigma;
+    assert!(state.gyro_bias.amax() < least, "no bias is taken from a stretch under way: {}", state.gyro_bias);
 }
 
 #[test]
@@ -246,4 +251,93 @@ fn a_given_state_of_long_before_the_first_sample_is_left_aside() {
     assert!(at(0).is_some() && at(-1_000_000_000).is_some());
     // Nobody has measured where the vehicle is by now.
     assert!(at(-60_000_000_000).is_none());
+}
+
+/// Level and straight ahead to the east with `speed`, m/s.
+fn riding(initialiser: &mut Initialiser, seconds: f64, speed: Option<f64>) {
+    push_imu(initialiser, seconds, |_| ImuPoint {
+        gyro_body: world().earth_rate_enu,
+        accel_body: -world().gravity.at(&Vector3::zeros()),
+    });
+    push(initialiser, seconds, &Reading::Mcp { heading: core::f64::consts::FRAC_PI_2 });
+    if let Some(speed) = speed {
+        push(initialiser, seconds - 0.2, &Reading::Dvl { velocity_dvl: [speed, 0.0, 0.0] });
+    }
+}
+
+#[test]
+fn a_fix_and_a_depth_of_a_while_ago_are_carried_to_the_keyframe() {
+    let mut config = config();
+    config.vehicle.gnss.lever_arm_body = [0.0; 3];
+    let mut initialiser = Initialiser::new(&config);
+    riding(&mut initialiser, 4.0, Some(2.0));
+    let fix = Reading::Gnss { antenna_enu: [10.0, 5.0, 0.0], sigma_enu: [0.02, 0.02, f64::INFINITY] };
+    push(&mut initialiser, 3.0, &fix);
+    // What the estimator will use itself is left to it.
+    let later = Reading::Gnss { antenna_enu: [99.0, 5.0, 0.0], sigma_enu: [0.02, 0.02, f64::INFINITY] };
+    push(&mut initialiser, 4.01, &later);
+    push(&mut initialiser, 3.9, &Reading::Ps { depth: 1.5 });
+    let (state, covariance) = initialiser.first_state(Time::from_seconds(4.0), &world()).expect("all is there");
+    assert_relative_eq!(state.position_enu, Vector3::new(12.0, 5.0, -1.5), epsilon = 2e-3);
+    assert_relative_eq!(state.velocity_enu, Vector3::new(2.0, 0.0, 0.0), epsilon = 2e-3);
+    // Across by a heading known to 2° over 2 m, and by a tilt known to 3°: g·3° = 0.51 m/s² over the second, ½T², of which the
+    // DVL, 0.2 s before the end, takes 0.2T. Up by the depth's own.
+    let sigma = |axis: usize| covariance[(axis, axis)].sqrt();
+    let across = (2.0 * 2.0_f64.to_radians()).hypot(9.8 * 3.0_f64.to_radians() * (0.5 - 0.2));
+    assert_relative_eq!(sigma(1), across, max_relative = 0.05);
+    assert!((0.01..0.03).contains(&sigma(2)), "{} m up", sigma(2));
+    // The velocity errs by 0.51 m/s² · 0.2 s and by 2° of 2 m/s, with the same two causes.
+    let (by_tilt, by_heading) = (9.8 * 3.0_f64.to_radians(), 2.0 * 2.0_f64.to_radians());
+    let with_velocity = -by_tilt * by_tilt * (0.5 - 0.2) * 0.2 + by_heading * by_heading;
+    assert_relative_eq!(covariance[(1, 4)], with_velocity, max_relative = 0.1);
+}
+
+#[test]
+fn a_smooth_ride_is_not_taken_for_rest_unless_something_saw_it() {
+    let sigma_of = |speed: Option<f64>| {
+        let mut initialiser = Initialiser::new(&config());
+        riding(&mut initialiser, 4.0, speed);
+        push(&mut initialiser, 4.0, &fix_at(Vector3::zeros()));
+        let (state, covariance) = initialiser.first_state(Time::from_seconds(4.0), &world()).expect("all is there");
+        (state.velocity_enu.x, covariance[(VELOCITY, VELOCITY)].sqrt())
+    };
+    let (_, unseen) = sigma_of(None);
+    assert_relative_eq!(unseen, 1.5, max_relative = 1e-6);
+    let (speed, at_rest) = sigma_of(Some(0.0));
+    assert!(speed.abs() < 1e-3 && at_rest < 0.02, "{speed} of {at_rest} m/s");
+    let (speed, riding) = sigma_of(Some(0.6));
+    // Under way tilt is known to 3°: 0.51 m/s² since the DVL spoke, 0.2 s ago.
+    assert!((speed - 0.6).abs() < 1e-3 && riding < 0.11, "{speed} of {riding} m/s");
+}
+
+#[test]
+fn a_vehicle_that_rolls_in_the_swell_is_levelled_as_it_lies_at_the_keyframe() {
+    // 10° to each side in 4 s, the keyframe at the greatest roll.
+    const AMPLITUDE: f64 = 0.1745;
+    let omega = core::f64::consts::FRAC_PI_2;
+    let roll = |t: f64| AMPLITUDE * (omega * t).sin();
+    let mut initialiser = Initialiser::new(&config());
+    push_imu(&mut initialiser, 5.0, |t| ImuPoint {
+        gyro_body: Vector3::x() * (AMPLITUDE * omega * (omega * t).cos()),
+        accel_body: nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), -roll(t)) * Vector3::z() * 9.8,
+    });
+    push(&mut initialiser, 5.0, &Reading::Mcp { heading: 0.3 });
+    push(&mut initialiser, 5.0, &fix_at(Vector3::zeros()));
+    let (state, _) = initialiser.first_state(Time::from_seconds(5.0), &world()).expect("all is there");
+    let (found, pitch, _) = state.q_enu_body.euler_angles();
+    assert!((found - AMPLITUDE).abs() < 1e-3 && pitch.abs() < 1e-3, "roll {found}, pitch {pitch}");
+}
+
+#[test]
+fn a_heading_read_before_the_keyframe_in_a_turn_is_turned_along() {
+    const RATE: f64 = 0.05;
+    let mut initialiser = Initialiser::new(&config());
+    let turning = ImuPoint { gyro_body: Vector3::z() * RATE, accel_body: Vector3::z() * 9.8 };
+    push_imu(&mut initialiser, 4.0, |_| turning);
+    push(&mut initialiser, 3.0, &Reading::Mcp { heading: 0.4 });
+    push(&mut initialiser, 4.0, &fix_at(Vector3::zeros()));
+    let (state, _) = initialiser.first_state(Time::from_seconds(4.0), &world()).expect("all is there");
+    // Counter-clockwise by 0.05 rad: a smaller heading.
+    let heading = crate::sensors::McpModel::predicted_heading(&state, &world());
+    assert!((heading - (0.4 - RATE)).abs() < 1e-4, "{heading}");
 }
