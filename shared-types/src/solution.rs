@@ -5,6 +5,7 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use crate::header::Header;
 use crate::layout::message;
+use crate::reject::REJECT_REASONS;
 
 /// What an estimator did with one sensor's measurements since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,7 +15,7 @@ pub struct SensorCounts {
     /// Became factors.
     pub used: u64,
     /// Refused, by [`crate::RejectReason`].
-    pub rejected: [u64; 15],
+    pub rejected: [u64; REJECT_REASONS.len()],
 }
 
 impl SensorCounts {
@@ -52,7 +53,7 @@ message! {
     ///
     /// Error order of the covariance: position (ENU), velocity (ENU), attitude (body, right perturbation),
     /// accelerometer bias, gyroscope bias.
-    Solution, "ilns.Solution.2", schema 2 {
+    Solution, "ilns.Solution.3", schema 3 {
         /// Sender, order and times; `t_valid` equals `t_keyframe`.
         header: Header,
         /// Counts solutions since the estimation began; estimates name it.

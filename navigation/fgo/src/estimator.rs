@@ -12,6 +12,7 @@
 use nalgebra::Vector3;
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
+use nav_models::gaps::BLIND;
 use nav_models::initialisation::Initialiser;
 use nav_models::prediction::predict_covariance;
 use nav_models::preintegration::{ImuPoint, Preintegration};
@@ -25,7 +26,7 @@ use shared_types::{
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
-use crate::realignment::{LOST, Realignment, is_plausible};
+use crate::realignment::{LOST, Realignment, instant, is_plausible, unseen};
 use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes};
 use crate::rows::DIM;
 use crate::smoother::{self, Smoothed};
@@ -232,8 +233,11 @@ impl FgoEstimator {
         let before = window.nodes()[window.nodes().len() - 1].state;
         let predicted = transport(&before, &whole, window.world());
         let height_sigma = self.newest_covariance[(2, 2)].max(0.0).sqrt();
-        let is_lost = !is_plausible(&predicted);
+        let gap = self.history.sampling_period_at(t);
+        let is_blind = gap > BLIND;
+        let is_lost = !is_blind && !is_plausible(&predicted);
         let loosened = match self.ties.epochs_refused() {
+            _ if is_blind => Some(unseen(&before, gap)),
             _ if is_lost => Some(LOST),
             (count, Some(since)) if count >= SUSPICIOUS_EPOCHS => {
                 loosening(&self.pending, t, &predicted, height_sigma, t - since, &self.config)
@@ -242,12 +246,26 @@ impl FgoEstimator {
         };
         let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };
         let covariance = match &loosened {
-            Some(loosening) if is_lost || self.realignment.is_due(t) => {
+            Some(loosening) if is_blind || is_lost || self.realignment.is_due(t) => {
                 self.ties.begin_anew();
                 let noise = &self.config.vehicle.imu;
-                let place = if is_lost { self.realignment.last_well() } else { predicted };
-                let (first, covariance) =
-                    self.realignment.begin(&place, loosening, height_sigma, &whole.increment, noise);
+                let mut tilt_from = whole.increment;
+                if is_blind {
+                    // What was heard during the gap belongs to places that nobody can tie to this one.
+                    for (measurement, _) in self.pending.extract_if(.., |(measurement, _)| measurement.t_valid() < t) {
+                        if let Some(sensor) = measurement.sensor() {
+                            self.ties.refuse(sensor, RejectReason::NoImu);
+                        }
+                    }
+                    // The one sample after it tells the tilt; the line over the gap tells nothing.
+                    tilt_from = self.history.at(t).map_or(tilt_from, |point| instant(&point));
+                }
+                let place = match (is_blind, is_lost) {
+                    (true, _) => before,
+                    (_, true) => self.realignment.last_well(),
+                    _ => predicted,
+                };
+                let (first, covariance) = self.realignment.begin(&place, loosening, height_sigma, &tilt_from, noise);
                 window.start(t, &first, &covariance).map_err(|_| singular)?;
                 covariance
             }

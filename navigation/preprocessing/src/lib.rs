@@ -7,6 +7,8 @@
 //! |---|---|
 //! | `preprocessor.rs` | the whole walk, reading by reading |
 //! | `imu_gate.rs` | does this IMU sample count? |
+//! | `leaps.rs` | can an IMU's numbers change as fast as that? |
+//! | `repetition.rs` | has an instrument frozen? |
 //! | `event_time.rs` | in which order are readings of several channels taken up? |
 //! | `duplicates.rs` | did exactly this reading come before? |
 //! | `gates.rs` | is the content possible, and what is it in SI units? |
@@ -23,8 +25,10 @@ mod gates;
 mod imu_gate;
 mod keyframe_times;
 mod lbl_epochs;
+mod leaps;
 mod origin;
 mod preprocessor;
+mod repetition;
 #[cfg(test)]
 #[expect(dead_code, reason = "the tests in `tests/` use the rest")]
 #[path = "../tests/readings/mod.rs"]
