@@ -11,6 +11,7 @@
 //! | `repetition.rs` | has an instrument frozen? |
 //! | `event_time.rs` | in which order are readings of several channels taken up? |
 //! | `duplicates.rs` | did exactly this reading come before? |
+//! | `frozen_sensors.rs` | has a DVL, MCP or PS frozen? |
 //! | `gates.rs` | is the content possible, and what is it in SI units? |
 //! | `origin.rs` | where is the frame? |
 //! | `buoy_tracks.rs` | where was the buoy at that instant? |
@@ -21,6 +22,7 @@
 mod buoy_tracks;
 mod duplicates;
 mod event_time;
+mod frozen_sensors;
 mod gates;
 mod imu_gate;
 mod keyframe_times;

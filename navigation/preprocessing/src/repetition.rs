@@ -56,6 +56,11 @@ impl<const N: usize> Repetition<N> {
         self.in_a_row >= self.least.max(FROZEN_FACTOR.saturating_mul(self.longest))
     }
 
+    /// The smallest change that its coarsest number has shown, in that number's unit; infinite before any.
+    pub(crate) fn finest_step(&self) -> f64 {
+        self.finest.iter().copied().fold(0.0, f64::max)
+    }
+
     fn end_of_run(&mut self, numbers: &[f64; N]) {
         let change: [f64; N] = core::array::from_fn(|at| (numbers[at] - self.numbers[at]).abs());
         let is_rest = change.iter().zip(&self.finest).all(|(change, finest)| *change <= REST_STEPS * finest);
@@ -101,5 +106,15 @@ mod tests {
         assert!(!repetition.is_frozen(&[1.0, 1e-4]));
         assert!((0..119).all(|_| !repetition.is_frozen(&[1.0, 0.0])), "four times as long as it rested before");
         assert!(repetition.is_frozen(&[1.0, 0.0]));
+    }
+
+    #[test]
+    fn the_finest_step_is_that_of_the_coarsest_number() {
+        let mut repetition = Repetition::new(8, 100);
+        assert_eq!(repetition.finest_step(), f64::INFINITY);
+        for numbers in [[0.0, 0.0], [0.25, 0.01], [0.5, 0.03]] {
+            repetition.is_frozen(&numbers);
+        }
+        assert_eq!(repetition.finest_step(), 0.25);
     }
 }

@@ -251,6 +251,11 @@ mod tests {
     }
 
     #[test]
+    fn a_pressure_sensor_that_freezes_is_refused_until_it_varies_again() {
+        assert_met(&["ps.stuck@195..225"]);
+    }
+
+    #[test]
     fn the_outcome_does_not_depend_on_company_or_order() {
         let run = FaultRun {
             faults: vec!["lbl.multipath=0.3".parse().expect("a fault")],
