@@ -37,14 +37,21 @@ pub enum SolutionStatus {
     Damped = 2,
     /// The ranges agreed with each other against the state: the last inertial increment was loosened to let them in.
     Loosened = 3,
+    /// Several sensors contradict the inertial ones together: their biases are let loose, and the state is not to be trusted.
+    Inconsistent = 4,
 }
 
 impl SolutionStatus {
     /// The status of that number, as it crosses the bus.
     pub fn from_index(index: u32) -> Option<SolutionStatus> {
-        [SolutionStatus::Converged, SolutionStatus::NotConverged, SolutionStatus::Damped, SolutionStatus::Loosened]
-            .get(index as usize)
-            .copied()
+        const ALL: [SolutionStatus; 5] = [
+            SolutionStatus::Converged,
+            SolutionStatus::NotConverged,
+            SolutionStatus::Damped,
+            SolutionStatus::Loosened,
+            SolutionStatus::Inconsistent,
+        ];
+        ALL.get(index as usize).copied()
     }
 }
 

@@ -57,7 +57,7 @@ const VELOCITY_LEAST: f64 = 3.0;
 const VELOCITY_MOST: f64 = 30.0;
 
 /// What is known of a vehicle whose state has become absurd: that it is within a kilometre of where it was last well.
-pub const LOST: Loosening = Loosening { position: 1e3, velocity: 30.0, attitude: 0.05 };
+pub const LOST: Loosening = Loosening { position: 1e3, velocity: 30.0, attitude: 0.05, ..Loosening::NONE };
 /// A vehicle that nobody sees for so many s may have gone anywhere at the speed that it had, or at this one, m/s.
 const UNSEEN_SPEED: f64 = 1.0;
 
@@ -253,7 +253,7 @@ mod tests {
         let mut covariance = Block::<DIM>::zeros();
         realignment.cover(&state, &mut covariance);
         assert_eq!(covariance, Block::<DIM>::zeros(), "nothing is searched");
-        let loosening = Loosening { position: 5.0, velocity: 1.0, attitude: 0.05 };
+        let loosening = Loosening { position: 5.0, velocity: 1.0, attitude: 0.05, ..Loosening::NONE };
         let noise =
             ImuNoise { accel_bias_sigma: 0.01, gyro_bias_sigma: 1e-4, ..shared_types::Config::default().vehicle.imu };
         let (first, begun) = realignment.begin(&state, &loosening, 0.1, &still(Vector3::z() * 9.8), &noise);

@@ -15,7 +15,7 @@
 //! | OK | none of the below |
 //! | DEGRADED | the solution is not converged or was damped, or is older than `solution_timeout`; DVL, MCP or PS was used and is missing for `aiding_timeout`; an IMU gap lies between keyframe and now |
 //! | DEAD_RECKONING | neither LBL nor GNSS used within `position_timeout` |
-//! | INVALID | horizontal sigma beyond `max_position_sigma`, no IMU data ([`Propagator::without_imu`]), or none for more than 5 s since the keyframe |
+//! | INVALID | horizontal sigma beyond `max_position_sigma`, no IMU data ([`Propagator::without_imu`]), none for more than 5 s since the keyframe, or several sensors contradict the inertial ones |
 //!
 //! LBL and GNSS stand in for each other: a vehicle that dives loses GNSS and one that surfaces leaves the net, and neither is
 //! degraded by it. All ages are data time.
@@ -96,6 +96,7 @@ struct Base {
     world: WorldModel,
     t_last_used: [i64; 5],
     is_converged: bool,
+    is_inconsistent: bool,
 }
 
 /// Carries the newest solution to every IMU sample. See the module.
@@ -155,6 +156,7 @@ impl Propagator {
             world: WorldModel::new(Geodetic::from_degrees(lat_deg, lon_deg, height), &self.config),
             t_last_used: solution.t_last_used,
             is_converged: SolutionStatus::from_index(solution.status) == Some(SolutionStatus::Converged),
+            is_inconsistent: SolutionStatus::from_index(solution.status) == Some(SolutionStatus::Inconsistent),
         };
         if self.samples.back().is_some_and(|newest| newest.t >= t_keyframe) {
             self.stand_on(base);

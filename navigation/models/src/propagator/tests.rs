@@ -223,6 +223,15 @@ fn a_gap_that_nothing_bridges_holds_the_estimate_until_a_solution_from_behind_it
 }
 
 #[test]
+fn a_solution_that_its_sensors_contradict_is_invalid() {
+    let mut solution = solution_at(Time(0));
+    solution.t_last_used = [0; 5];
+    assert_ne!(run(&solution, 0, 0..10)[9].mode(), Mode::Invalid);
+    solution.status = SolutionStatus::Inconsistent as u32;
+    assert_eq!(run(&solution, 0, 0..10)[9].mode(), Mode::Invalid);
+}
+
+#[test]
 fn bad_samples_and_bad_solutions_are_named_and_change_nothing() {
     let mut propagator = Propagator::new(&config());
     propagator.advance(&sample(5)).expect("good");
