@@ -5,6 +5,7 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use crate::header::Header;
 use crate::layout::message;
+use crate::reject::REJECT_REASONS;
 
 /// A process of the set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -153,14 +154,15 @@ pub struct SensorHealth {
     /// Readings missing by sequence number.
     pub lost: u64,
     /// Refused, by [`crate::RejectReason`].
-    pub rejected: [u64; 15],
+    pub rejected: [u64; REJECT_REASONS.len()],
     /// Data time of the newest, ns; `i64::MIN` = none yet.
     pub t_newest: i64,
 }
 
 impl SensorHealth {
     /// Nothing seen yet.
-    pub const NONE: SensorHealth = SensorHealth { received: 0, lost: 0, rejected: [0; 15], t_newest: i64::MIN };
+    pub const NONE: SensorHealth =
+        SensorHealth { received: 0, lost: 0, rejected: [0; REJECT_REASONS.len()], t_newest: i64::MIN };
 }
 
 impl Default for SensorHealth {
@@ -192,7 +194,7 @@ pub struct HopLatency {
 
 message! {
     /// What a process says of itself.
-    Heartbeat, "ilns.Heartbeat.2", schema 2 {
+    Heartbeat, "ilns.Heartbeat.3", schema 3 {
         /// Sender, order and times.
         header: Header,
         /// [`Process`] as a number.

@@ -34,10 +34,12 @@ pub enum RejectReason {
     NoImu = 13,
     /// More readings than an interval holds.
     TooMany = 14,
+    /// The instrument has frozen: it repeats the same numbers under running stamps.
+    Stuck = 15,
 }
 
 /// Every reason in the order of its number.
-pub const REJECT_REASONS: [RejectReason; 15] = [
+pub const REJECT_REASONS: [RejectReason; 16] = [
     RejectReason::NotFinite,
     RejectReason::OutOfRange,
     RejectReason::Duplicate,
@@ -53,6 +55,7 @@ pub const REJECT_REASONS: [RejectReason; 15] = [
     RejectReason::Malformed,
     RejectReason::NoImu,
     RejectReason::TooMany,
+    RejectReason::Stuck,
 ];
 
 impl RejectReason {
@@ -74,6 +77,7 @@ impl RejectReason {
             RejectReason::Malformed => "malformed",
             RejectReason::NoImu => "no_imu",
             RejectReason::TooMany => "too_many",
+            RejectReason::Stuck => "stuck",
         }
     }
 

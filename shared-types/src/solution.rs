@@ -5,6 +5,7 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use crate::header::Header;
 use crate::layout::message;
+use crate::reject::REJECT_REASONS;
 
 /// What an estimator did with one sensor's measurements since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,7 +15,7 @@ pub struct SensorCounts {
     /// Became factors.
     pub used: u64,
     /// Refused, by [`crate::RejectReason`].
-    pub rejected: [u64; 15],
+    pub rejected: [u64; REJECT_REASONS.len()],
 }
 
 impl SensorCounts {
@@ -36,14 +37,21 @@ pub enum SolutionStatus {
     Damped = 2,
     /// The ranges agreed with each other against the state: the last inertial increment was loosened to let them in.
     Loosened = 3,
+    /// Several sensors contradict the inertial ones together: their biases are let loose, and the state is not to be trusted.
+    Inconsistent = 4,
 }
 
 impl SolutionStatus {
     /// The status of that number, as it crosses the bus.
     pub fn from_index(index: u32) -> Option<SolutionStatus> {
-        [SolutionStatus::Converged, SolutionStatus::NotConverged, SolutionStatus::Damped, SolutionStatus::Loosened]
-            .get(index as usize)
-            .copied()
+        const ALL: [SolutionStatus; 5] = [
+            SolutionStatus::Converged,
+            SolutionStatus::NotConverged,
+            SolutionStatus::Damped,
+            SolutionStatus::Loosened,
+            SolutionStatus::Inconsistent,
+        ];
+        ALL.get(index as usize).copied()
     }
 }
 
@@ -52,7 +60,7 @@ message! {
     ///
     /// Error order of the covariance: position (ENU), velocity (ENU), attitude (body, right perturbation),
     /// accelerometer bias, gyroscope bias.
-    Solution, "ilns.Solution.2", schema 2 {
+    Solution, "ilns.Solution.3", schema 3 {
         /// Sender, order and times; `t_valid` equals `t_keyframe`.
         header: Header,
         /// Counts solutions since the estimation began; estimates name it.

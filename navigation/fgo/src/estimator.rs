@@ -12,6 +12,7 @@
 use nalgebra::Vector3;
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
+use nav_models::gaps::BLIND;
 use nav_models::initialisation::Initialiser;
 use nav_models::prediction::predict_covariance;
 use nav_models::preintegration::{ImuPoint, Preintegration};
@@ -25,8 +26,8 @@ use shared_types::{
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
-use crate::realignment::{LOST, Realignment, is_plausible};
-use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes};
+use crate::realignment::{LOST, Realignment, instant, is_plausible, unseen};
+use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes, loosening_of_biases};
 use crate::rows::DIM;
 use crate::smoother::{self, Smoothed};
 use crate::ties::{Closing, Pending, Ties, place};
@@ -53,6 +54,8 @@ pub struct FgoEstimator {
     ties: Ties,
     realignment: Realignment,
     newest_covariance: Block<DIM>,
+    /// The last keyframe at which the biases were let loose.
+    t_biases_loosened: Option<Time>,
     solutions: u64,
     report: KeyframeReport,
     is_started: bool,
@@ -78,6 +81,7 @@ impl FgoEstimator {
             ties: Ties::new(&config),
             realignment: Realignment::default(),
             newest_covariance: Block::zeros(),
+            t_biases_loosened: None,
             solutions: 0,
             report: KeyframeReport::empty(),
             is_started: false,
@@ -203,7 +207,7 @@ impl FgoEstimator {
         }
         self.history.forget_before(t);
         self.report = KeyframeReport::empty();
-        Ok(Some(self.solution(t, SolveReport { converged: true, ..SolveReport::default() }, false)))
+        Ok(Some(self.solution(t, SolveReport { converged: true, ..SolveReport::default() }, None)))
     }
 
     fn keyframe(&mut self, t: Time, effort: Effort) -> Result<Option<Solution>, EstimatorError> {
@@ -232,31 +236,55 @@ impl FgoEstimator {
         let before = window.nodes()[window.nodes().len() - 1].state;
         let predicted = transport(&before, &whole, window.world());
         let height_sigma = self.newest_covariance[(2, 2)].max(0.0).sqrt();
-        let is_lost = !is_plausible(&predicted);
+        let gap = self.history.sampling_period_at(t);
+        let is_blind = gap > BLIND;
+        let is_lost = !is_blind && !is_plausible(&predicted);
         let loosened = match self.ties.epochs_refused() {
+            _ if is_blind => Some(unseen(&before, gap)),
             _ if is_lost => Some(LOST),
             (count, Some(since)) if count >= SUSPICIOUS_EPOCHS => {
                 loosening(&self.pending, t, &predicted, height_sigma, t - since, &self.config)
             }
             _ => loosening_by_fixes(&self.pending, &predicted, t, self.ties.fixes_improbable()),
         };
+        let is_inertial_to_blame = loosened.is_none() && self.ties.is_inertial_to_blame();
+        let of_biases = loosening_of_biases(self.t_biases_loosened.map(|last| t - last), &self.config.vehicle.imu)
+            .filter(|_| is_inertial_to_blame);
         let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };
         let covariance = match &loosened {
-            Some(loosening) if is_lost || self.realignment.is_due(t) => {
+            Some(loosening) if is_blind || is_lost || self.realignment.is_due(t) => {
                 self.ties.begin_anew();
                 let noise = &self.config.vehicle.imu;
-                let place = if is_lost { self.realignment.last_well() } else { predicted };
-                let (first, covariance) =
-                    self.realignment.begin(&place, loosening, height_sigma, &whole.increment, noise);
+                let mut tilt_from = whole.increment;
+                if is_blind {
+                    // What was heard during the gap belongs to places that nobody can tie to this one.
+                    for (measurement, _) in self.pending.extract_if(.., |(measurement, _)| measurement.t_valid() < t) {
+                        if let Some(sensor) = measurement.sensor() {
+                            self.ties.refuse(sensor, RejectReason::NoImu);
+                        }
+                    }
+                    // The one sample after it tells the tilt; the line over the gap tells nothing.
+                    tilt_from = self.history.at(t).map_or(tilt_from, |point| instant(&point));
+                }
+                let place = match (is_blind, is_lost) {
+                    (true, _) => before,
+                    (_, true) => self.realignment.last_well(),
+                    _ => predicted,
+                };
+                let (first, covariance) = self.realignment.begin(&place, loosening, height_sigma, &tilt_from, noise);
                 window.start(t, &first, &covariance).map_err(|_| singular)?;
                 covariance
             }
             _ => {
+                if of_biases.is_some() {
+                    self.t_biases_loosened = Some(t);
+                }
+                let loosening = loosened.or(of_biases);
                 let mut increment = whole;
-                if let Some(loosening) = &loosened {
+                if let Some(loosening) = &loosening {
                     loosening.apply(&mut increment);
                 }
-                window.append(t, &predicted, whole, loosened).map_err(|_| singular)?;
+                window.append(t, &predicted, whole, loosening).map_err(|_| singular)?;
                 predict_covariance(&self.newest_covariance, &before, &increment, window.world())
             }
         };
@@ -306,7 +334,7 @@ impl FgoEstimator {
             || self.realignment.search(window, self.config.navigator.fgo.window, &self.history, &self.imu);
         self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
         if let Some(newest) = window.nodes().back() {
-            if is_aligned && loosened.is_none() && is_plausible(&newest.state) {
+            if is_aligned && loosened.is_none() && !is_inertial_to_blame && is_plausible(&newest.state) {
                 self.realignment.is_well(&newest.state);
             }
             self.realignment.cover(&newest.state, &mut self.newest_covariance);
@@ -323,11 +351,16 @@ impl FgoEstimator {
         if effort == Effort::Hold {
             return Ok(None);
         }
-        Ok(Some(self.solution(t, solve, loosened.is_some() || !is_aligned)))
+        let status = match (is_inertial_to_blame, loosened.is_some() || !is_aligned) {
+            (true, _) => Some(SolutionStatus::Inconsistent),
+            (false, true) => Some(SolutionStatus::Loosened),
+            (false, false) => None,
+        };
+        Ok(Some(self.solution(t, solve, status)))
     }
 
     /// The newest keyframe as a message; also completes the report.
-    fn solution(&mut self, t: Time, solve: SolveReport, loosened: bool) -> Solution {
+    fn solution(&mut self, t: Time, solve: SolveReport, status: Option<SolutionStatus>) -> Solution {
         self.solutions += 1;
         let mut solution = Solution {
             header: Header::at(t),
@@ -348,11 +381,12 @@ impl FgoEstimator {
             keyframes: 0,
             iterations: solve.passes,
             linearised: solve.linearised,
-            status: match (solve.damped, loosened, solve.converged) {
+            status: match (solve.damped, status, solve.converged) {
+                (_, Some(SolutionStatus::Inconsistent), _) => SolutionStatus::Inconsistent,
                 (true, _, _) => SolutionStatus::Damped,
-                (false, true, _) => SolutionStatus::Loosened,
-                (false, false, false) => SolutionStatus::NotConverged,
-                (false, false, true) => SolutionStatus::Converged,
+                (false, Some(status), _) => status,
+                (false, None, false) => SolutionStatus::NotConverged,
+                (false, None, true) => SolutionStatus::Converged,
             } as u32,
             solve_ns: 0,
         };

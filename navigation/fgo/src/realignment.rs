@@ -13,7 +13,8 @@
 //!               explains the readings better by 9 in ½χ² than all that end elsewhere, at 20 in any case
 //! ```
 //!
-//! The same is done where the state has become absurd, from where it was last well.
+//! The same is done where the state has become absurd, from where it was last well, and after a gap of the IMU that nothing bridges,
+//! from where the vehicle was before.
 //!
 //! That is the moving initialisation of §5 of the method, within the window. It takes some tens of ms, once, and allocates: it
 //! is no part of steady work.
@@ -21,7 +22,7 @@
 use core::f64::consts::{FRAC_PI_4, PI};
 
 use nalgebra::{UnitQuaternion, Vector3};
-use nav_models::preintegration::Increment;
+use nav_models::preintegration::{ImuPoint, Increment, Preintegration};
 use nav_models::recovery::Loosening;
 use nav_models::state::{ATTITUDE, NavState, VELOCITY};
 use shared_types::{Duration, ImuNoise, Time};
@@ -56,7 +57,24 @@ const VELOCITY_LEAST: f64 = 3.0;
 const VELOCITY_MOST: f64 = 30.0;
 
 /// What is known of a vehicle whose state has become absurd: that it is within a kilometre of where it was last well.
-pub const LOST: Loosening = Loosening { position: 1e3, velocity: 30.0, attitude: 0.05 };
+pub const LOST: Loosening = Loosening { position: 1e3, velocity: 30.0, attitude: 0.05, ..Loosening::NONE };
+/// A vehicle that nobody sees for so many s may have gone anywhere at the speed that it had, or at this one, m/s.
+const UNSEEN_SPEED: f64 = 1.0;
+
+/// What is known of a vehicle after a gap of the IMU that nothing bridges: how far it may have gone.
+pub fn unseen(before: &NavState, gap: Duration) -> Loosening {
+    let speed = before.velocity_enu.norm().max(UNSEEN_SPEED);
+    Loosening { position: speed * gap.as_seconds(), velocity: speed, ..LOST }
+}
+
+/// The increment of a moment at this sample.
+pub fn instant(point: &ImuPoint) -> Increment {
+    const MOMENT: f64 = 1e-3;
+    let mut increment = Preintegration::new(Vector3::zeros(), Vector3::zeros());
+    increment.step_mean(MOMENT, point, point);
+    increment.increment
+}
+
 /// Beyond these nothing that navigates by sound is: m from the origin, m/s. Long before numbers become none, too.
 const FARTHEST: f64 = 1e6;
 const FASTEST: f64 = 300.0;
@@ -217,7 +235,6 @@ fn angle_between(a: f64, b: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nav_models::preintegration::{ImuPoint, Preintegration};
 
     #[test]
     fn three_loosenings_in_a_row_are_one_too_many_and_scattered_ones_are_not() {
@@ -236,7 +253,7 @@ mod tests {
         let mut covariance = Block::<DIM>::zeros();
         realignment.cover(&state, &mut covariance);
         assert_eq!(covariance, Block::<DIM>::zeros(), "nothing is searched");
-        let loosening = Loosening { position: 5.0, velocity: 1.0, attitude: 0.05 };
+        let loosening = Loosening { position: 5.0, velocity: 1.0, attitude: 0.05, ..Loosening::NONE };
         let noise =
             ImuNoise { accel_bias_sigma: 0.01, gyro_bias_sigma: 1e-4, ..shared_types::Config::default().vehicle.imu };
         let (first, begun) = realignment.begin(&state, &loosening, 0.1, &still(Vector3::z() * 9.8), &noise);
@@ -264,6 +281,19 @@ mod tests {
         assert!((up_body - Vector3::z()).norm() < 1e-12);
         assert!(angle_between(levelled_at_rest.euler_angles().2, heading) < 1e-12);
         assert_eq!(levelled(&wrong, &still(Vector3::z() * 30.0)), wrong, "no gravity is that strong");
+    }
+
+    #[test]
+    fn an_unseen_vehicle_may_have_gone_on_as_it_went_and_is_level_as_its_first_sample_says() {
+        let mut before = NavState::identity();
+        let gap = Duration::from_seconds(60.0);
+        assert!((unseen(&before, gap).position - 60.0).abs() < 1e-9, "at rest before: a metre a second");
+        before.velocity_enu.x = 2.0;
+        assert!((unseen(&before, gap).position - 120.0).abs() < 1e-9);
+        before.q_enu_body = UnitQuaternion::from_euler_angles(1.0, 0.0, 0.7);
+        let rolled = ImuPoint { gyro_body: Vector3::x(), accel_body: Vector3::new(0.0, 9.8, 0.0) };
+        let up_body = levelled(&before.q_enu_body, &instant(&rolled)).inverse() * Vector3::z();
+        assert!((up_body - Vector3::y()).norm() < 1e-2, "{up_body}");
     }
 
     #[test]

@@ -103,6 +103,11 @@ impl Ties {
         self.judges.epochs_refused()
     }
 
+    /// Whether several sensors have begun to be off the state together: the inertial ones are to blame.
+    pub fn is_inertial_to_blame(&self) -> bool {
+        self.judges.is_inertial_to_blame()
+    }
+
     /// Improbable satellite fixes in a row, and since when, if no range speaks for the state.
     pub fn fixes_improbable(&self) -> (u32, Option<Time>) {
         let (count, since) = self.judges.fixes_improbable();

@@ -23,6 +23,9 @@ pub(crate) const UNSEEN_RATE: f64 = 0.1;
 /// … and how fast it changes its mind, rad/s: a sway of three seconds.
 const SWAY: f64 = 2.0;
 
+/// Longer than this nothing bridges: the attitude itself is not known any more, and with it where gravity pulls.
+pub const BLIND: Duration = Duration(5_000_000_000);
+
 /// Factors on the white noise densities of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inflation {

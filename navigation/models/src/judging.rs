@@ -4,6 +4,7 @@
 
 use shared_types::{Duration, Kernel, SENSORS, Sensor, SensorConfig, Time};
 
+use crate::doubt::{Doubt, is_shared};
 use crate::innovation::{Innovation, Refusals, median};
 use crate::robust::{ImprobableShare, settle};
 use crate::row::Row;
@@ -50,6 +51,8 @@ pub struct Judges {
     t_improbable: Time,
     /// The same, the second of two close to each other.
     t_dissent: Time,
+    /// What each sensor has been like of late, beside what it is like.
+    doubts: [Doubt; SENSORS.len()],
 }
 
 impl Default for Judges {
@@ -60,6 +63,7 @@ impl Default for Judges {
             t_heard: [Time::MIN; SENSORS.len()],
             t_improbable: Time::MIN,
             t_dissent: Time::MIN,
+            doubts: Default::default(),
         }
     }
 }
@@ -71,6 +75,11 @@ impl Judges {
     pub fn kernel(&self, sensor: Sensor, config: &SensorConfig) -> Kernel {
         let is_state_to_blame = self.t_heard[sensor.index()] <= self.t_dissent + DISSENT_FOR;
         settle(config.kernel, self.shares[sensor.index()].is_suspicious() && !is_state_to_blame)
+    }
+
+    /// Whether several sensors have begun to be off the state together: the inertial ones are to blame.
+    pub fn is_inertial_to_blame(&self) -> bool {
+        is_shared(&self.doubts)
     }
 
     /// Whole epochs of ranges refused in a row, and since when.
@@ -103,13 +112,15 @@ impl Judges {
             is_gated &= take_out_median(group);
         }
         let admits = self.refusals[sensor.index()].admits_next();
-        let share = &mut self.shares[sensor.index()];
+        let (share, doubt) = (&mut self.shares[sensor.index()], &mut self.doubts[sensor.index()]);
         let (mut passed_any, mut improbable, all) = (false, 0, group.len());
         group.retain_mut(|candidate| {
             let components = candidate.components();
             let kernel = candidate.kernel();
             let innovation = candidate.innovation();
-            improbable += usize::from(share.observe(innovation.nis, components));
+            let is_improbable = share.observe(innovation.nis, components);
+            doubt.observe(t, is_improbable);
+            improbable += usize::from(is_improbable);
             let passes = innovation.passes(sensor, components);
             passed_any |= passes;
             let refused = is_gated && !passes && !admits;

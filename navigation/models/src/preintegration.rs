@@ -251,6 +251,12 @@ impl Preintegration {
         self.blocks.phi_phi += Matrix3::from_diagonal_element(attitude * attitude);
     }
 
+    /// Admits that the biases may have leapt: adds these 1-sigmas, m/s² and rad/s, to their change over the run.
+    pub fn loosen_biases(&mut self, accel_bias: f64, gyro_bias: f64) {
+        self.blocks.accel_walk += accel_bias * accel_bias;
+        self.blocks.gyro_walk += gyro_bias * gyro_bias;
+    }
+
     /// P15: covariance of (α, β, φ) and of the change of (b_a, b_g) over the run.
     pub fn covariance(&self) -> SMatrix<f64, 15, 15> {
         self.blocks.assemble()

@@ -15,7 +15,7 @@
 //! | OK | none of the below |
 //! | DEGRADED | the solution is not converged or was damped, or is older than `solution_timeout`; DVL, MCP or PS was used and is missing for `aiding_timeout`; an IMU gap lies between keyframe and now |
 //! | DEAD_RECKONING | neither LBL nor GNSS used within `position_timeout` |
-//! | INVALID | horizontal sigma beyond `max_position_sigma`, or no IMU data ([`Propagator::without_imu`]) |
+//! | INVALID | horizontal sigma beyond `max_position_sigma`, no IMU data ([`Propagator::without_imu`]), none for more than 5 s since the keyframe, or several sensors contradict the inertial ones |
 //!
 //! LBL and GNSS stand in for each other: a vehicle that dives loses GNSS and one that surfaces leaves the net, and neither is
 //! degraded by it. All ages are data time.
@@ -29,9 +29,9 @@ use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::Geodetic;
-use shared_types::{Config, Duration, Header, ImuSample, Mode, NavEstimate, Solution, SolutionStatus, Time};
+use shared_types::{Config, Header, ImuSample, Mode, NavEstimate, Solution, SolutionStatus, Time};
 
-use crate::gaps::{Inflation, UNSEEN_ACCELERATION, UNSEEN_RATE};
+use crate::gaps::{BLIND, Inflation, UNSEEN_ACCELERATION, UNSEEN_RATE};
 use crate::preintegration::{ImuPoint, Preintegration};
 use crate::state::{ERROR_DIM, NavState};
 use crate::transport::transport;
@@ -40,8 +40,6 @@ use uncertainty::{Uncertainty, upper_triangle};
 
 /// IMU samples kept for a rebase: 20 s at 200 Hz.
 const SAMPLES_KEPT: usize = 4096;
-/// A keyframe further than this before the first kept sample cannot be bridged to it.
-const BRIDGE_MAX: Duration = Duration(5_000_000_000);
 /// 1-sigma of what is not known at all before the first solution: m/s, rad.
 const UNKNOWN_VELOCITY_SIGMA: f64 = 100.0;
 const UNKNOWN_ATTITUDE_SIGMA: f64 = core::f64::consts::PI;
@@ -98,6 +96,7 @@ struct Base {
     world: WorldModel,
     t_last_used: [i64; 5],
     is_converged: bool,
+    is_inconsistent: bool,
 }
 
 /// Carries the newest solution to every IMU sample. See the module.
@@ -110,6 +109,8 @@ pub struct Propagator {
     waiting: Option<Base>,
     increment: Preintegration,
     has_bridged_gap: bool,
+    /// Between keyframe and now lies a gap that nothing bridges.
+    is_blind: bool,
     last: NavEstimate,
 }
 
@@ -124,6 +125,7 @@ impl Propagator {
             waiting: None,
             increment: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
             has_bridged_gap: false,
+            is_blind: false,
             last: nothing_known(origin, config.navigator.propagator.max_position_sigma),
         }
     }
@@ -141,7 +143,7 @@ impl Propagator {
         }
         let t_keyframe = Time(solution.t_keyframe);
         if let Some(oldest) = self.samples.front()
-            && oldest.t - t_keyframe > BRIDGE_MAX
+            && oldest.t - t_keyframe > BLIND
         {
             return Err(PropagatorError::SolutionTooOld { id: solution.id, t_keyframe, oldest: oldest.t });
         }
@@ -154,6 +156,7 @@ impl Propagator {
             world: WorldModel::new(Geodetic::from_degrees(lat_deg, lon_deg, height), &self.config),
             t_last_used: solution.t_last_used,
             is_converged: SolutionStatus::from_index(solution.status) == Some(SolutionStatus::Converged),
+            is_inconsistent: SolutionStatus::from_index(solution.status) == Some(SolutionStatus::Inconsistent),
         };
         if self.samples.back().is_some_and(|newest| newest.t >= t_keyframe) {
             self.stand_on(base);
@@ -206,6 +209,11 @@ impl Propagator {
             origin_t_arrival: sample.header.t_arrival,
             ..Header::at(t)
         };
+        if self.is_blind {
+            let mut held = self.without_imu(t);
+            held.header = header;
+            return Ok(Some(held));
+        }
         self.last = self.estimate(header);
         Ok(Some(self.last))
     }
@@ -242,6 +250,7 @@ impl Propagator {
     fn stand_on(&mut self, base: Base) {
         self.increment = Preintegration::new(base.state.accel_bias, base.state.gyro_bias);
         self.has_bridged_gap = false;
+        self.is_blind = false;
         let t_keyframe = base.t_keyframe;
         self.base = Some(base);
         // The first sample after the keyframe; its predecessor gives the interpolated start.
@@ -273,6 +282,7 @@ impl Propagator {
         let gaps = &self.config.navigator.imu;
         let inflation = Inflation::over(spacing, gaps, &self.config.vehicle.imu);
         self.has_bridged_gap |= spacing > gaps.gap;
+        self.is_blind |= spacing > BLIND;
         let dt = (next.t - t_first).as_seconds();
         self.increment.step(&self.config.vehicle.imu, dt, &first, &next.point, inflation);
     }

@@ -8,7 +8,7 @@
 //! truth, and the published sigmas say so.
 
 use nalgebra::{Matrix4, Vector3, Vector4};
-use shared_types::{Config, Duration, Measurement, Reading, Time};
+use shared_types::{Config, Duration, ImuNoise, Measurement, Reading, Time};
 
 use crate::preintegration::Preintegration;
 use crate::robust::chi2_999;
@@ -41,12 +41,21 @@ pub struct Loosening {
     pub velocity: f64,
     /// rad.
     pub attitude: f64,
+    /// Of the change of the accelerometer bias, m/s².
+    pub accel_bias: f64,
+    /// Of the change of the gyroscope bias, rad/s.
+    pub gyro_bias: f64,
 }
 
 impl Loosening {
+    /// Nothing is loosened.
+    pub const NONE: Loosening =
+        Loosening { position: 0.0, velocity: 0.0, attitude: 0.0, accel_bias: 0.0, gyro_bias: 0.0 };
+
     /// Adds it to an increment.
     pub fn apply(&self, increment: &mut Preintegration) {
         increment.loosen(self.position, self.velocity, self.attitude);
+        increment.loosen_biases(self.accel_bias, self.gyro_bias);
     }
 }
 
@@ -117,6 +126,7 @@ pub fn loosening(
         position: shift.max(POSITION_MIN),
         velocity: (2.0 * shift / refused_for.as_seconds().max(1.0)).max(VELOCITY_MIN),
         attitude: ATTITUDE,
+        ..Loosening::NONE
     })
 }
 
@@ -145,6 +155,27 @@ pub fn loosening_by_fixes(
         position: shift.max(POSITION_MIN),
         velocity: (2.0 * shift / refused_for.as_seconds()).max(VELOCITY_MIN),
         attitude: ATTITUDE,
+        ..Loosening::NONE
+    })
+}
+
+/// By how many of its sigmas at the beginning a bias may have leapt.
+const BIAS_LEAP: f64 = 20.0;
+/// Biases that have been let loose are given so long to settle.
+const BIASES_SETTLE: Duration = Duration(20_000_000_000);
+
+/// The same where several sensors have begun to doubt the state and none says where it is instead (`doubt.rs`): a bias has leapt.
+/// `None` while those that were let loose `since_last` ago still settle.
+pub fn loosening_of_biases(since_last: Option<Duration>, noise: &ImuNoise) -> Option<Loosening> {
+    if since_last.is_some_and(|since| since < BIASES_SETTLE) {
+        return None;
+    }
+    Some(Loosening {
+        position: POSITION_MIN,
+        velocity: VELOCITY_MIN,
+        attitude: ATTITUDE,
+        accel_bias: BIAS_LEAP * noise.accel_bias_sigma,
+        gyro_bias: BIAS_LEAP * noise.gyro_bias_sigma,
     })
 }
 
@@ -195,6 +226,15 @@ mod tests {
         let differences = Config::load(&[], &sets).expect("valid");
         let loosening = ask(&late, &differences).expect("the place fits");
         assert!(loosening.position < 1.0, "{loosening:?}");
+    }
+
+    #[test]
+    fn biases_are_let_loose_once_and_given_time_to_settle() {
+        let noise = Config::default().vehicle.imu;
+        let first = loosening_of_biases(None, &noise).expect("never before");
+        assert_eq!(first.gyro_bias, 20.0 * noise.gyro_bias_sigma);
+        assert_eq!(loosening_of_biases(Some(Duration::from_seconds(1.0)), &noise), None);
+        assert_eq!(loosening_of_biases(Some(Duration::from_seconds(20.0)), &noise), Some(first));
     }
 
     #[test]

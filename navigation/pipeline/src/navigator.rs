@@ -5,8 +5,8 @@ use nav_models::estimator::{Effort, Estimator};
 use nav_models::propagator::Propagator;
 use nav_preprocessing::{ImuGate, ImuVerdict, Preprocessor};
 use shared_types::{
-    AIDING, BuoyFix, Config, Duration, FrameOrigin, KeyframeReport, Measurement, NavEstimate, RawReading, RejectReason,
-    SENSORS, SensorCounts, SensorHealth, Solution, Time,
+    AIDING, BuoyFix, Config, Duration, FrameOrigin, ImuSample, KeyframeReport, Measurement, NavEstimate, RawReading,
+    RejectReason, SENSORS, SensorCounts, SensorHealth, Solution, Time,
 };
 
 use crate::chosen::ChosenEstimator;
@@ -20,7 +20,7 @@ const LONGEST_WINDOW: usize = 500;
 pub enum Output<'a> {
     /// The frame was fixed.
     Origin(&'a FrameOrigin),
-    /// One per accepted IMU sample.
+    /// One per accepted IMU sample, and per refused one of an instrument that has frozen or cannot be right (INVALID).
     Estimate(&'a NavEstimate),
     /// One per solved keyframe, with what the keyframe held.
     Solution(&'a Solution, &'a KeyframeReport),
@@ -118,17 +118,26 @@ impl Navigator {
         let back = &mut self.back;
         self.preprocessor.push(reading, &mut |measurement| back.ingest(&measurement, clock, sink));
         self.tell_origin(sink);
-        if let RawReading::Imu(sample) = reading
-            && let ImuVerdict::Accept { .. } = self.imu_gate.check(sample)
+        if let RawReading::Imu(sample) = reading {
+            self.advance(sample, sink);
+        }
+    }
+
+    fn advance(&mut self, sample: &ImuSample, sink: &mut impl FnMut(Output<'_>)) {
+        let t = Time(sample.header.t_valid);
+        if let ImuVerdict::Reject(_) = self.imu_gate.check(sample) {
+            if self.imu_gate.is_blind() {
+                sink(Output::Estimate(&self.propagator.without_imu(t)));
+            }
+            return;
+        }
+        if let Some(solution) = self.back.arrivals.take(t)
+            && self.propagator.rebase(&solution).is_err()
         {
-            if let Some(solution) = self.back.arrivals.take(Time(sample.header.t_valid))
-                && self.propagator.rebase(&solution).is_err()
-            {
-                self.back.keyframe_errors += 1;
-            }
-            if let Ok(Some(estimate)) = self.propagator.advance(sample) {
-                sink(Output::Estimate(&estimate));
-            }
+            self.back.keyframe_errors += 1;
+        }
+        if let Ok(Some(estimate)) = self.propagator.advance(sample) {
+            sink(Output::Estimate(&estimate));
         }
     }
 

@@ -5,6 +5,9 @@
 
 use shared_types::{Duration, ImuGateConfig, ImuSample, RejectReason, Time};
 
+use crate::leaps::Leaps;
+use crate::repetition::Repetition;
+
 /// A stamp further ahead of its predecessor is believed only when the next sample confirms it. Without this, one wild
 /// stamp would turn every later sample into one that runs backwards. Longer than a restarted driver is silent.
 const LEAP: Duration = Duration(5_000_000_000);
@@ -21,40 +24,15 @@ pub(crate) fn is_possible(t: Time) -> bool {
 const FROZEN: u32 = 10;
 /// A beginning, in samples: 10 s at 200 Hz.
 const BEGINNING: u32 = 2000;
-/// How many times longer than any repetition of the beginning one must be to be a fault.
-const FROZEN_FACTOR: u32 = 4;
-
-/// How often the same numbers have come in a row. Slow instruments behind fast drivers repeat each sample; a rest without noise
-/// does for long.
-#[derive(Clone, Debug, Default)]
-struct Repetition {
-    numbers: [f64; 6],
-    in_a_row: u32,
-    longest: u32,
-    seen: u32,
-}
-
-impl Repetition {
-    /// Whether the instrument has frozen.
-    fn is_frozen(&mut self, sample: &ImuSample) -> bool {
-        let ([gx, gy, gz], [ax, ay, az]) = (sample.gyro_body, sample.accel_body);
-        let numbers = [gx, gy, gz, ax, ay, az];
-        self.in_a_row = if numbers == self.numbers { self.in_a_row.saturating_add(1) } else { 1 };
-        self.numbers = numbers;
-        if self.seen < BEGINNING {
-            self.seen += 1;
-            self.longest = self.longest.max(self.in_a_row);
-            return false;
-        }
-        self.in_a_row >= FROZEN.max(FROZEN_FACTOR.saturating_mul(self.longest))
-    }
-}
 
 /// The gate, with the last sample that it let through.
 #[derive(Clone, Debug)]
 pub struct ImuGate {
     config: ImuGateConfig,
-    repetition: Repetition,
+    repetition: Repetition<6>,
+    leaps: Leaps,
+    /// The last sample had its place in time and said nothing.
+    is_blind: bool,
     t_accepted: Option<Time>,
     /// A sample that leapt ahead, until the next one confirms it.
     t_leapt: Option<Time>,
@@ -77,12 +55,20 @@ pub enum ImuVerdict {
 impl ImuGate {
     /// A gate that has seen nothing.
     pub fn new(config: &ImuGateConfig) -> ImuGate {
-        ImuGate { config: *config, repetition: Repetition::default(), t_accepted: None, t_leapt: None }
+        ImuGate {
+            config: *config,
+            repetition: Repetition::new(FROZEN, BEGINNING),
+            leaps: Leaps::new(config.gap),
+            is_blind: false,
+            t_accepted: None,
+            t_leapt: None,
+        }
     }
 
     /// Judges the next sample: finite, within what the instrument can measure, later than its predecessor. Of several
     /// samples with one `t_valid` the first counts, of the same numbers over and over those that may be real.
     pub fn check(&mut self, sample: &ImuSample) -> ImuVerdict {
+        self.is_blind = false;
         match self.judge(sample) {
             Ok(step) => {
                 self.t_accepted = Some(Time(sample.header.t_valid));
@@ -97,6 +83,12 @@ impl ImuGate {
     /// Data time of the newest sample that counted.
     pub fn t_newest(&self) -> Option<Time> {
         self.t_accepted
+    }
+
+    /// Whether the last sample was refused as one of an instrument that has frozen or cannot be right, and has been for
+    /// longer than `imu.gap`: its stamp tells the time, and nobody sees where the vehicle goes.
+    pub fn is_blind(&self) -> bool {
+        self.is_blind
     }
 
     /// The step from the predecessor, or why the sample does not count.
@@ -114,7 +106,10 @@ impl ImuGate {
         {
             return Err(RejectReason::OutOfRange);
         }
-        let Some(t_before) = self.t_accepted else { return Ok(None) };
+        let Some(t_before) = self.t_accepted else {
+            self.leaps.is_leap(t, sample);
+            return Ok(None);
+        };
         let step = t - t_before;
         if step == Duration::ZERO {
             return Err(RejectReason::Duplicate);
@@ -129,8 +124,11 @@ impl ImuGate {
                 return Err(RejectReason::OutOfRange);
             }
         }
-        if self.repetition.is_frozen(sample) {
-            return Err(RejectReason::Duplicate);
+        let ([gx, gy, gz], [ax, ay, az]) = (sample.gyro_body, sample.accel_body);
+        let is_frozen = self.repetition.is_frozen(&[gx, gy, gz, ax, ay, az]);
+        if is_frozen || self.leaps.is_leap(t, sample) {
+            self.is_blind = is_frozen || step > self.config.gap;
+            return Err(if is_frozen { RejectReason::Stuck } else { RejectReason::OutOfRange });
         }
         Ok(Some(step))
     }

@@ -7,8 +7,11 @@
 //! |---|---|
 //! | `preprocessor.rs` | the whole walk, reading by reading |
 //! | `imu_gate.rs` | does this IMU sample count? |
+//! | `leaps.rs` | can an IMU's numbers change as fast as that? |
+//! | `repetition.rs` | has an instrument frozen? |
 //! | `event_time.rs` | in which order are readings of several channels taken up? |
 //! | `duplicates.rs` | did exactly this reading come before? |
+//! | `frozen_sensors.rs` | has a DVL, MCP or PS frozen? |
 //! | `gates.rs` | is the content possible, and what is it in SI units? |
 //! | `origin.rs` | where is the frame? |
 //! | `buoy_tracks.rs` | where was the buoy at that instant? |
@@ -19,12 +22,15 @@
 mod buoy_tracks;
 mod duplicates;
 mod event_time;
+mod frozen_sensors;
 mod gates;
 mod imu_gate;
 mod keyframe_times;
 mod lbl_epochs;
+mod leaps;
 mod origin;
 mod preprocessor;
+mod repetition;
 #[cfg(test)]
 #[expect(dead_code, reason = "the tests in `tests/` use the rest")]
 #[path = "../tests/readings/mod.rs"]

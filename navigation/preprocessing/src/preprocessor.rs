@@ -20,6 +20,7 @@ use shared_types::{
 use crate::buoy_tracks::BuoyTracks;
 use crate::duplicates::Duplicates;
 use crate::event_time::EventTime;
+use crate::frozen_sensors::FrozenSensors;
 use crate::gates;
 use crate::imu_gate::{ImuGate, ImuVerdict, is_possible};
 use crate::keyframe_times::KeyframeTimes;
@@ -47,6 +48,7 @@ pub struct Preprocessor {
     start: Start,
     event_time: EventTime,
     duplicates: Duplicates,
+    frozen: FrozenSensors,
     origin: Origin,
     buoys: BuoyTracks,
     epochs: LblEpochs,
@@ -87,6 +89,7 @@ impl Preprocessor {
             },
             event_time: EventTime::new(),
             duplicates: Duplicates::new(),
+            frozen: FrozenSensors::new(),
             origin: Origin::new(&vehicle.frame),
             buoys: BuoyTracks::new(navigator.buoy_max_age),
             epochs: LblEpochs::new(),
@@ -295,6 +298,9 @@ impl Preprocessor {
         let reading = gated?;
         self.judge_time(raw.t_valid())?;
         self.judge_enabled(raw.sensor())?;
+        if self.frozen.is_frozen(&reading, &self.vehicle) {
+            return Err(RejectReason::Stuck);
+        }
         if let Reading::Ps { depth } = reading {
             self.note_depth(raw.t_valid(), depth);
         }

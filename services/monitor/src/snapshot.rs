@@ -368,6 +368,7 @@ pub(crate) fn status_word(status: SolutionStatus) -> &'static str {
         SolutionStatus::NotConverged => "not converged",
         SolutionStatus::Damped => "damped",
         SolutionStatus::Loosened => "loosened",
+        SolutionStatus::Inconsistent => "inconsistent",
     }
 }
 

@@ -34,14 +34,15 @@ impl FastPath {
         self.propagator.rebase(solution)
     }
 
-    /// The estimate at a sample; `None` where the sample does not count.
+    /// The estimate at a sample; `None` where the sample does not count. While an instrument has frozen or cannot be right, the
+    /// last estimate is held, INVALID.
     ///
     /// Never one with a number that is none: the last sound one is then held, INVALID, and the case is counted.
     pub fn advance(&mut self, sample: &ImuSample) -> Option<NavEstimate> {
         self.imu.received += 1;
         if let ImuVerdict::Reject(reason) = self.imu_gate.check(sample) {
             self.imu.rejected[reason.index()] += 1;
-            return None;
+            return if self.imu_gate.is_blind() { self.without_imu(Time(sample.header.t_valid)) } else { None };
         }
         self.imu.t_newest = sample.header.t_valid;
         match self.propagator.advance(sample) {
@@ -147,6 +148,27 @@ mod tests {
         assert_eq!((health.received, health.rejected.iter().sum::<u64>()), (5, 3));
         assert_eq!(health.rejected[RejectReason::NotFinite.index()], 1);
         assert_eq!(health.t_newest, 1_005_000_000);
+    }
+
+    #[test]
+    fn an_imu_that_freezes_or_leaps_is_answered_for_by_the_last_estimate() {
+        let mut fast_path = FastPath::new(&Config::default());
+        let live = |index: i32| {
+            let mut sample = sample(f64::from(index) * 0.005);
+            sample.gyro_body[0] = 1e-4 * f64::from(1 + index % 7);
+            sample
+        };
+        assert!((0..2500).all(|index| fast_path.advance(&live(index)).is_some()));
+        for index in 2500..2600 {
+            let held = fast_path.advance(&sample(f64::from(index) * 0.005)).unwrap();
+            assert_eq!(held.header.t_valid, Time::from_seconds(f64::from(index) * 0.005).0);
+        }
+        assert_eq!(fast_path.imu().rejected[RejectReason::Stuck.index()], 91);
+        assert!(fast_path.advance(&live(2600)).is_some());
+        let turned = |index: i32| ImuSample { accel_body: [0.0, 0.0, -9.8], ..live(index) };
+        let answered: Vec<bool> = (2601..2610).map(|index| fast_path.advance(&turned(index)).is_some()).collect();
+        assert_eq!(answered.iter().position(|&answered| answered), Some(4), "once a gap would be a gap");
+        assert_eq!(fast_path.imu().rejected[RejectReason::OutOfRange.index()], 9);
     }
 
     #[test]

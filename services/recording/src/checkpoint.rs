@@ -14,7 +14,7 @@ use std::fs;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use shared_types::{Header, Message, SensorCounts, Solution};
+use shared_types::{Header, Message, REJECT_REASONS, SensorCounts, Solution};
 
 use crate::error::LogError;
 
@@ -81,7 +81,7 @@ struct Kept {
     t_last_used: [i64; 5],
     time_offset: [f64; 5],
     time_offset_sigma: [f64; 5],
-    counts: [(u64, [u64; 15]); 7],
+    counts: [(u64, [u64; REJECT_REASONS.len()]); 7],
 }
 
 fn encoding() -> impl bincode::config::Config {
@@ -225,7 +225,7 @@ mod tests {
             t_last_used: [1, 2, 3, 4, i64::MIN],
             time_offset: [0.0, 0.25, 0.0, -0.1, 0.0],
             time_offset_sigma: [0.0, 0.01, 0.0, 0.02, 0.0],
-            counts: [SensorCounts { used: 9, rejected: [3; 15] }; 7],
+            counts: [SensorCounts { used: 9, rejected: [3; REJECT_REASONS.len()] }; 7],
             cost: 0.0,
             keyframes: 0,
             iterations: 0,

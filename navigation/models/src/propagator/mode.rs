@@ -30,7 +30,7 @@ impl Propagator {
         let horizontal_variance = position[(0, 0)].max(position[(1, 1)]);
         let is_within = horizontal_variance <= limits.max_position_sigma * limits.max_position_sigma;
         // A variance that is no number is not within either.
-        if !is_within || !uncertainty.is_finite() {
+        if !is_within || !uncertainty.is_finite() || base.is_inconsistent {
             return Mode::Invalid;
         }
         let has_position_aiding = [Sensor::Lbl, Sensor::Gnss]

@@ -3,6 +3,7 @@
 use crate::gaps::Inflation;
 use approx::assert_relative_eq;
 use nalgebra::SVector;
+use shared_types::Duration;
 
 use super::*;
 use crate::testing::{solution, world};
@@ -202,6 +203,32 @@ fn without_imu_the_last_estimate_is_held_with_growing_sigmas_and_is_invalid() {
     assert!(held.position_cov[0].sqrt() > 3.0 && held.position_cov[0].is_finite());
     let longer = propagator.without_imu(Time(9_005_000_000));
     assert!(longer.position_cov[0] > held.position_cov[0] && longer.sigma_rpy[2] > held.sigma_rpy[2]);
+}
+
+#[test]
+fn a_gap_that_nothing_bridges_holds_the_estimate_until_a_solution_from_behind_it() {
+    let mut propagator = Propagator::new(&config());
+    propagator.advance(&sample(0)).expect("good");
+    propagator.rebase(&solution_at(Time(0))).expect("good");
+    let last = propagator.advance(&sample(1)).expect("good").expect("new");
+    for index in [2000, 2001] {
+        let held = propagator.advance(&sample(index)).expect("good").expect("new");
+        assert_eq!((held.mode(), held.position_enu), (Mode::Invalid, last.position_enu));
+        assert_eq!(held.header.origin_sequence, index as u64);
+        assert!(held.position_cov[0].sqrt() > 10.0, "ten seconds at 1.7 m/s");
+    }
+    propagator.rebase(&solution_at(Time(2000 * 5_000_000))).expect("good");
+    let found = propagator.advance(&sample(2002)).expect("good").expect("new");
+    assert_ne!(found.mode(), Mode::Invalid);
+}
+
+#[test]
+fn a_solution_that_its_sensors_contradict_is_invalid() {
+    let mut solution = solution_at(Time(0));
+    solution.t_last_used = [0; 5];
+    assert_ne!(run(&solution, 0, 0..10)[9].mode(), Mode::Invalid);
+    solution.status = SolutionStatus::Inconsistent as u32;
+    assert_eq!(run(&solution, 0, 0..10)[9].mode(), Mode::Invalid);
 }
 
 #[test]

@@ -224,6 +224,37 @@ mod tests {
         }
     }
 
+    /// Seeds beside those that anything was chosen on.
+    const OTHER_SEEDS: [u64; 2] = [101, 102];
+
+    fn assert_met(faults: &[&str]) {
+        for seed in OTHER_SEEDS {
+            let run = |faults| FaultRun { faults, sets: Vec::new(), seed }.run().expect("it runs").expect("no panic");
+            let clean = run(Vec::new());
+            for fault in faults {
+                let case = CASES.iter().find(|case| case.faults == [*fault]).expect("a case of the catalogue");
+                let mut line = Line::new(case, &[], &[]);
+                let misses = line.judge(case, &run(case.specs()), &clean, time_of(&case.specs()));
+                assert!(misses.is_empty(), "{fault}, seed {seed}: {misses:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_imu_that_freezes_leaps_or_is_turned_round_is_declared_and_misleads_nobody() {
+        assert_met(&[
+            "imu.stuck@120..180",
+            "imu.sign@120..180",
+            "imu.rail=8.7,78@150..151",
+            "imu.shock=0.05,30@130..135",
+        ]);
+    }
+
+    #[test]
+    fn a_pressure_sensor_that_freezes_is_refused_until_it_varies_again() {
+        assert_met(&["ps.stuck@195..225"]);
+    }
+
     #[test]
     fn the_outcome_does_not_depend_on_company_or_order() {
         let run = FaultRun {
