@@ -39,7 +39,7 @@ use shared_types::{Kernel, Time};
 use crate::factor::{Factor, MeasuredRows};
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{Block, BlockVector};
-use crate::robust::{Losses, weight};
+use crate::robust::{Losses, credited_weight};
 use crate::rows::DIM;
 
 /// A weight below this leaves its reading out.
@@ -135,7 +135,7 @@ impl Between {
         let mut changed = false;
         for reading in self.readings.iter_mut().filter(|reading| reading.factor.kernel != Kernel::None) {
             let Some(s) = reading.squared_norm(delta) else { continue };
-            let new = weight(reading.factor.kernel, s);
+            let new = credited_weight(reading.factor.kernel, reading.factor.components(), s);
             if (new - reading.weight).abs() > tolerance {
                 reading.weight = new;
                 changed = true;
@@ -149,7 +149,7 @@ impl Between {
         let mut losses = Losses::default();
         for reading in &self.readings {
             if let Some(s) = reading.squared_norm(delta) {
-                losses.add(reading.factor.kernel, s);
+                losses.add(reading.factor.kernel, reading.factor.components(), s);
             }
         }
         0.5 * losses.sum()
@@ -161,7 +161,7 @@ impl Between {
         let (mut losses, mut weighted) = (Losses::default(), 0.0);
         for reading in self.readings.iter().filter(|reading| reading.factor.kernel != Kernel::None) {
             if let Some(s) = reading.squared_norm(delta) {
-                losses.add(reading.factor.kernel, s);
+                losses.add(reading.factor.kernel, reading.factor.components(), s);
                 weighted += reading.weight * s;
             }
         }

@@ -266,7 +266,7 @@ impl Node {
             && self.between.is_empty()
             && self.rows.most_felt(&(self.delta - weighted_at)) < tolerance
         {
-            // A weight of scale c changes by at most 0.65/c per sigma of its residual, and by twice that where the mean of a group
+            // A Cauchy weight of scale c changes by at most 0.65 κ/c per sigma of its residual, and by twice that where the mean of a group
             // moves against it: about one for the scales in use. Narrower kernels follow at the next larger step.
             return false;
         }

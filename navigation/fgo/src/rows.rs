@@ -12,7 +12,7 @@ pub use nav_models::state::ERROR_DIM as DIM;
 use shared_types::{AIDING, Kernel};
 
 use crate::kernels::{Block, BlockVector};
-use crate::robust::{Losses, weight};
+use crate::robust::{Losses, credited_weight};
 
 /// Rows that are weighted together or share an offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -188,7 +188,7 @@ impl Rows {
                 Group::Single { kernel } => {
                     let rows = &mut self.rows[span.first..span.end];
                     let s: f64 = rows.iter().map(|row| row.after(delta).powi(2)).sum();
-                    let new = weight(kernel, s);
+                    let new = credited_weight(kernel, rows.len(), s);
                     if (new - rows[0].weight).abs() > tolerance {
                         rows.iter_mut().for_each(|row| row.weight = new);
                         changed = true;
@@ -198,7 +198,7 @@ impl Rows {
                     let offset = self.offset(&span, sigma, delta);
                     for row in &mut self.rows[span.first..span.end] {
                         let whitened = row.after(delta) - offset * row.inverse_sigma;
-                        let new = weight(kernel, whitened * whitened);
+                        let new = credited_weight(kernel, 1, whitened * whitened);
                         if (new - row.weight).abs() > tolerance {
                             row.weight = new;
                             changed = true;
@@ -234,14 +234,14 @@ impl Rows {
                     for row in rows {
                         s += row.after(delta).powi(2);
                     }
-                    losses.add(kernel, s);
+                    losses.add(kernel, rows.len(), s);
                 }
                 Group::CommonOffset { kernel, sigma } => {
                     let offset = self.offset(span, sigma, delta);
                     for row in rows {
-                        losses.add(kernel, (row.after(delta) - offset * row.inverse_sigma).powi(2));
+                        losses.add(kernel, 1, (row.after(delta) - offset * row.inverse_sigma).powi(2));
                     }
-                    losses.add(Kernel::None, (offset / sigma).powi(2));
+                    losses.add(Kernel::None, 1, (offset / sigma).powi(2));
                 }
             }
         }

@@ -12,7 +12,7 @@ use nav_models::imu_history::ImuHistory;
 use nav_models::innovation::Innovation;
 use nav_models::judging::{Candidate, EPOCH_MAX, Judges};
 use nav_models::recovery::{Checked, Loosening, SUSPICIOUS_EPOCHS, loosening};
-use nav_models::robust::weight;
+use nav_models::robust::credited_weight;
 use nav_models::row::{MeasuredRows, ROWS_MAX, Row};
 use nav_models::sensors::{GyroAt, Model};
 use nav_models::state::NavState;
@@ -244,14 +244,17 @@ fn weigh_by_residuals(members: &[Evaluated], rows: &mut [Row], offset_sigma: Opt
             }
             let offset = if total > 0.0 { mean / total } else { 0.0 };
             for row in rows {
-                row.weight = weight(kernel, (row.residual - offset * row.inverse_sigma).powi(2));
+                row.weight = credited_weight(kernel, 1, (row.residual - offset * row.inverse_sigma).powi(2));
             }
         }
         // Ranges bear weights of their own; the rows of any other measurement share one.
-        None if members.len() > 1 => rows.iter_mut().for_each(|row| row.weight = weight(kernel, row.residual.powi(2))),
+        None if members.len() > 1 => {
+            rows.iter_mut().for_each(|row| row.weight = credited_weight(kernel, 1, row.residual.powi(2)));
+        }
         None => {
             let s = rows.iter().map(|row| row.residual.powi(2)).sum();
-            rows.iter_mut().for_each(|row| row.weight = weight(kernel, s));
+            let weight = credited_weight(kernel, rows.len(), s);
+            rows.iter_mut().for_each(|row| row.weight = weight);
         }
     }
 }

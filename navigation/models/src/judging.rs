@@ -6,7 +6,7 @@ use shared_types::{Duration, Kernel, SENSORS, Sensor, SensorConfig, Time};
 
 use crate::doubt::{Doubt, is_shared};
 use crate::innovation::{Innovation, Refusals, median};
-use crate::robust::{ImprobableShare, settle};
+use crate::robust::{ImprobableShare, credit, settle};
 use crate::row::Row;
 
 /// Ranges of one epoch; further ones are counted as too many.
@@ -125,7 +125,8 @@ impl Judges {
             passed_any |= passes;
             let refused = is_gated && !passes && !admits;
             let weight = innovation.first_weight(kernel);
-            candidate.rows().iter_mut().for_each(|row| row.weight = weight);
+            let counted = weight * credit(kernel, components);
+            candidate.rows().iter_mut().for_each(|row| row.weight = counted);
             let gate = if is_gated { Innovation::gate(sensor, components) } else { [0.0; 2] };
             tell(candidate, Verdict { refused, weight, gate });
             !refused
