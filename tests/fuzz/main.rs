@@ -20,7 +20,7 @@ use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use shared_types::{
     Config, ConfigText, FrameOrigin, Header, Heartbeat, HopLatency, ImuSample, KeyframeReport, LblRange, Measurement,
-    Mode, NavEstimate, RawReading, Reading, SensorCounts, SensorHealth, Solution, Time, Truth,
+    Mode, NavEstimate, REJECT_REASONS, RawReading, Reading, SensorCounts, SensorHealth, Solution, Time, Truth,
 };
 use tempfile::TempDir;
 
@@ -215,7 +215,7 @@ fn solution() -> Solution {
         gyro_bias: [0.0, 1e-4, 0.0],
         covariance,
         t_last_used: [17_000_000_000; 5],
-        counts: [SensorCounts { used: 9, rejected: [3; 15] }; 7],
+        counts: [SensorCounts { used: 9, rejected: [3; REJECT_REASONS.len()] }; 7],
         time_offset: [0.0; 5],
         time_offset_sigma: [0.0; 5],
         cost: 1.0,

@@ -33,9 +33,9 @@ const BATCH_ATTITUDE: f64 = 1e-4;
 const COUNTED: f64 = 0.05;
 
 /// What has gathered since older states last heard of it need not be carried to them while it is smaller (§4.3).
-const CARRY_POSITION: f64 = 3e-3;
-const CARRY_VELOCITY: f64 = 3e-3;
-const CARRY_ATTITUDE: f64 = 5e-5;
+const CARRY_POSITION: f64 = 1.5e-3;
+const CARRY_VELOCITY: f64 = 1.5e-3;
+const CARRY_ATTITUDE: f64 = 2.5e-5;
 
 /// One keyframe.
 #[derive(Clone, Debug)]

@@ -16,6 +16,8 @@ const MEDIAN_MIN: usize = 3;
 /// How long a state stays to blame after two fixes or epochs of ranges within [`DISSENT_WITHIN`] disagreed with it.
 const DISSENT_FOR: Duration = Duration(10_000_000_000);
 const DISSENT_WITHIN: Duration = Duration(10_000_000_000);
+/// A sensor that has been silent for longer settles no doubt.
+const SETTLED_BY: Duration = Duration(10_000_000_000);
 
 /// A measurement that has been evaluated and waits for its judgement.
 pub trait Candidate {
@@ -77,9 +79,15 @@ impl Judges {
         settle(config.kernel, self.shares[sensor.index()].is_suspicious() && !is_state_to_blame)
     }
 
-    /// Whether several sensors have begun to be off the state together: the inertial ones are to blame.
+    /// Whether several sensors have begun to be off the state together: the inertial ones are to blame. Only where one has spoken of
+    /// late that says where the vehicle is or heads: biases that are let loose in dead reckoning would take the course along, and
+    /// nothing would bring it back.
     pub fn is_inertial_to_blame(&self) -> bool {
-        is_shared(&self.doubts)
+        let newest = self.t_heard.iter().max().copied().unwrap_or(Time::MIN);
+        let could_settle_it = [Sensor::Lbl, Sensor::Gnss, Sensor::Mcp].into_iter().any(|sensor| {
+            self.t_heard[sensor.index()] > Time::MIN && newest - self.t_heard[sensor.index()] <= SETTLED_BY
+        });
+        could_settle_it && is_shared(&self.doubts)
     }
 
     /// Whole epochs of ranges refused in a row, and since when.
@@ -164,4 +172,51 @@ fn take_out_median<C: Candidate>(epoch: &mut [C]) -> bool {
         *innovation = innovation.without_offset(in_sigmas, s);
     }
     true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::Config;
+
+    struct Read(Innovation);
+
+    impl Candidate for Read {
+        fn rows(&mut self) -> &mut [Row] {
+            &mut []
+        }
+        fn innovation(&mut self) -> &mut Innovation {
+            &mut self.0
+        }
+        fn components(&self) -> usize {
+            1
+        }
+        fn kernel(&self) -> Kernel {
+            Kernel::None
+        }
+    }
+
+    /// Half a minute in which each of these sensors is read once a second, four sigmas off from the tenth on.
+    fn blamed(sensors: &[Sensor]) -> bool {
+        let config = Config::default();
+        let mut judges = Judges::default();
+        for second in 0..30 {
+            let whitened = [if second < 10 { 0.5 } else { 4.0 }, 0.0, 0.0];
+            let nis = whitened[0] * whitened[0];
+            for &sensor in sensors {
+                let t = Time::from_seconds(f64::from(second));
+                let mut group = vec![Read(Innovation { whitened, nis, state_share: 0.0, slope: [0.0; 3] })];
+                judges.judge(sensor, config.navigator.sensor(sensor).expect("aiding"), false, t, &mut group, |_, _| {});
+            }
+        }
+        judges.is_inertial_to_blame()
+    }
+
+    #[test]
+    fn inertial_sensors_are_to_blame_where_one_that_can_settle_it_is_heard() {
+        assert!(blamed(&[Sensor::Dvl, Sensor::Mcp]));
+        assert!(blamed(&[Sensor::Lbl, Sensor::Dvl]));
+        assert!(!blamed(&[Sensor::Dvl, Sensor::Ps]), "dead reckoning");
+        assert!(!blamed(&[Sensor::Mcp]), "one alone");
+    }
 }
