@@ -159,8 +159,12 @@ pub fn loosening_by_fixes(
     })
 }
 
-/// By how many of its sigmas at the beginning a bias may have leapt.
+/// By how many of its sigmas at the beginning a bias may have leapt …
 const BIAS_LEAP: f64 = 20.0;
+/// … and by no more than this, m/s² and rad/s: twenty sigmas of an instrument whose biases are hardly known are no leap but a
+/// course that is made up anew.
+const ACCEL_LEAP_MAX: f64 = 0.03;
+const GYRO_LEAP_MAX: f64 = 1e-3;
 /// Biases that have been let loose are given so long to settle.
 const BIASES_SETTLE: Duration = Duration(20_000_000_000);
 
@@ -174,8 +178,8 @@ pub fn loosening_of_biases(since_last: Option<Duration>, noise: &ImuNoise) -> Op
         position: POSITION_MIN,
         velocity: VELOCITY_MIN,
         attitude: ATTITUDE,
-        accel_bias: BIAS_LEAP * noise.accel_bias_sigma,
-        gyro_bias: BIAS_LEAP * noise.gyro_bias_sigma,
+        accel_bias: (BIAS_LEAP * noise.accel_bias_sigma).min(ACCEL_LEAP_MAX),
+        gyro_bias: (BIAS_LEAP * noise.gyro_bias_sigma).min(GYRO_LEAP_MAX),
     })
 }
 
