@@ -2,6 +2,7 @@
 //!
 //! Data time goes on from the last sample at the rate of the start triple. The limit holds on both clocks: a slowed-down
 //! replay is not silent between two of its samples, and in a fast one a process that was not scheduled for 5 ms is not blind.
+//! A slower instrument than 200 Hz is given four of its own periods, which are learned from its samples.
 
 use shared_types::{Duration, Time};
 
@@ -10,6 +11,11 @@ use shared_types::{Duration, Time};
 const DECLARED: i64 = 20_000_000;
 /// So the word falls earlier: by the shortest sleep, and by as much again for waking and publishing.
 const LIMIT: i64 = 18_000_000;
+/// The same in periods of a slower instrument, …
+const LIMIT_PERIODS: f64 = 3.6;
+/// … which are averaged over so many samples. A longer step than this is a gap and none of them, ns.
+const PERIOD_MEMORY: f64 = 16.0;
+const PERIOD_MAX: i64 = 100_000_000;
 /// Shortest sleep, ns.
 const SLEEP_AT_LEAST: i64 = 1_000_000;
 
@@ -21,6 +27,8 @@ const PERIOD: i64 = 50_000_000;
 pub(crate) struct Silence {
     rate: f64,
     last: Option<Heard>,
+    /// Between two samples, ns of data time.
+    period: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -33,12 +41,17 @@ struct Heard {
 impl Silence {
     /// `rate`: seconds of data time per second.
     pub(crate) fn new(rate: f64) -> Silence {
-        Silence { rate, last: None }
+        Silence { rate, last: None, period: 0.0 }
     }
 
     /// A sample that counts, of data time `t`, was heard at the monotonic time `mono`.
     pub(crate) fn heard(&mut self, t: Time, mono: i64) {
-        let limit = LIMIT.max((LIMIT as f64 / self.rate) as i64);
+        let step = self.last.map_or(0, |last| (t - last.t).0);
+        if (1..=PERIOD_MAX).contains(&step) {
+            self.period += (step as f64 - self.period) / PERIOD_MEMORY;
+        }
+        let patience = (LIMIT as f64).max(LIMIT_PERIODS * self.period);
+        let limit = patience.max(patience / self.rate) as i64;
         self.last = Some(Heard { t, mono, next_word: mono + limit });
     }
 
@@ -91,6 +104,18 @@ mod tests {
         fast.heard(Time(0), 0);
         assert_eq!(fast.due(17 * MS), None);
         assert_eq!(fast.due(18 * MS), Some(Time(180 * MS)));
+    }
+
+    #[test]
+    fn an_instrument_of_twenty_five_hertz_is_not_silent_between_its_samples() {
+        let mut silence = Silence::new(1.0);
+        // Until its period is known it may be called silent.
+        (0..100).for_each(|sample| silence.heard(Time(40 * MS * sample), 40 * MS * sample));
+        let last = 99 * 40 * MS;
+        assert_eq!(silence.due(last + 119 * MS), None);
+        assert!(silence.due(last + 160 * MS).is_some());
+        silence.heard(Time(last + 5_000 * MS), last + 5_000 * MS);
+        assert!(silence.due(last + 5_160 * MS).is_some(), "a gap is no period");
     }
 
     #[test]
