@@ -234,9 +234,12 @@ mod tests {
 
     #[test]
     fn biases_are_let_loose_once_and_given_time_to_settle() {
-        let noise = Config::default().vehicle.imu;
+        let noise = ImuNoise { gyro_bias_sigma: 1e-5, ..Config::default().vehicle.imu };
         let first = loosening_of_biases(None, &noise).expect("never before");
-        assert_eq!(first.gyro_bias, 20.0 * noise.gyro_bias_sigma);
+        assert_eq!((first.gyro_bias, first.accel_bias), (20.0 * 1e-5, 20.0 * noise.accel_bias_sigma));
+        let hardly_known = ImuNoise { gyro_bias_sigma: 5e-3, accel_bias_sigma: 0.3, ..noise };
+        let capped = loosening_of_biases(None, &hardly_known).expect("never before");
+        assert_eq!((capped.gyro_bias, capped.accel_bias), (GYRO_LEAP_MAX, ACCEL_LEAP_MAX));
         assert_eq!(loosening_of_biases(Some(Duration::from_seconds(1.0)), &noise), None);
         assert_eq!(loosening_of_biases(Some(Duration::from_seconds(20.0)), &noise), Some(first));
     }
