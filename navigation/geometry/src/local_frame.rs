@@ -107,6 +107,15 @@ impl LocalFrame {
         self.r_enu_ecef * r_local_ecef.transpose()
     }
 
+    /// The first two columns of [`LocalFrame::local_axes_at`]: east and north at an ENU position.
+    #[inline]
+    pub fn east_and_north_at(&self, position_enu: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        let Normal { sin_lat, cos_lat, sin_lon, cos_lon, .. } = Normal::at(&self.to_ecef(position_enu));
+        let east = Vector3::new(-sin_lon, cos_lon, 0.0);
+        let north = Vector3::new(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat);
+        [self.r_enu_ecef * east, self.r_enu_ecef * north]
+    }
+
     /// Rate of the Earth, rad/s, constant in a frame fixed to the Earth: Ω(0, cos φ₀, sin φ₀).
     pub fn earth_rate_enu(&self) -> Vector3<f64> {
         self.r_enu_ecef.column(2) * EARTH_RATE
@@ -154,6 +163,9 @@ mod tests {
                 let axes = frame.local_axes_at(&position_enu);
                 assert_relative_eq!(axes.column(2).into_owned(), frame.up_at(&position_enu), epsilon = 1e-15);
                 assert_relative_eq!(axes.transpose() * axes, Matrix3::identity(), epsilon = 1e-14);
+                let [east, north] = frame.east_and_north_at(&position_enu);
+                assert_relative_eq!(axes.column(0).into_owned(), east, epsilon = 1e-15);
+                assert_relative_eq!(axes.column(1).into_owned(), north, epsilon = 1e-15);
                 let norther = Geodetic { latitude: point.latitude + 1e-7, ..point };
                 let north = (frame.to_enu(&norther) - frame.to_enu(&point)).normalize();
                 assert_relative_eq!(axes.column(1).into_owned(), north, epsilon = 1e-6);

@@ -105,6 +105,14 @@ pub fn exp_and_right_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>
     (combine(phi, t_squared, 1.0, c1, c2), combine(phi, t_squared, 1.0, -c2, c3))
 }
 
+/// [`exp`], [`left_jacobian`] and [`gamma2`] of the same vector, at the price of one.
+#[inline]
+pub fn exp_left_jacobian_and_gamma2(phi: &Vector3<f64>) -> [Matrix3<f64>; 3] {
+    let t_squared = phi.norm_squared();
+    let [c1, c2, c3, c4] = coefficients(t_squared);
+    [combine(phi, t_squared, 1.0, c1, c2), combine(phi, t_squared, 1.0, c2, c3), combine(phi, t_squared, 0.5, c3, c4)]
+}
+
 /// Unit quaternion of a rotation vector, rad.
 #[inline]
 pub fn exp_quaternion(phi: &Vector3<f64>) -> UnitQuaternion<f64> {
@@ -282,6 +290,7 @@ mod tests {
             assert_relative_eq!(gamma2(&phi), series(&phi, 2), epsilon = 4e-15);
             let (turn, jacobian) = exp_and_right_jacobian(&phi);
             assert_eq!((turn, jacobian), (exp(&phi), right_jacobian(&phi)));
+            assert_eq!(exp_left_jacobian_and_gamma2(&phi), [exp(&phi), left_jacobian(&phi), gamma2(&phi)]);
             assert_relative_eq!(right_jacobian(&phi), left_jacobian(&-phi), epsilon = 1e-15);
         }
     }

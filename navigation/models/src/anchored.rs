@@ -8,7 +8,7 @@
 //! The paper weighs with R_z alone. The increment from the keyframe to the reading is itself noisy: with good sensors or a
 //! long offset its share of Λ matters, and without it the estimate is overconfident.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::preintegration::{ImuPoint, Increment, NoiseRows, Piece};
 use crate::state::{ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
@@ -17,19 +17,48 @@ use crate::world::WorldModel;
 
 /// What a sensor sees of the state at its own time. `ROWS` residuals; no model whitens, weighs or gates.
 pub trait SensorModel<const ROWS: usize> {
-    /// Predicted minus measured.
-    fn residual(&self, state: &NavState, world: &WorldModel) -> SVector<f64, ROWS>;
-
-    /// H = ∂residual/∂(δp, δv, δθ) at the time of the reading, ROWS × 9.
-    fn jacobian(&self, state: &NavState, world: &WorldModel) -> SMatrix<f64, ROWS, 9>;
+    /// The reading held against `pose`. All at once, since the parts share most of their work.
+    fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<ROWS>;
 
     /// ∂residual/∂b_g other than through the transport, ROWS × 3; `None` where the sensor does not look at the gyroscope.
     fn gyro_bias_jacobian(&self) -> Option<SMatrix<f64, ROWS, 3>> {
         None
     }
+}
 
-    /// R_z, covariance of the reading itself. The state enters where the model's geometry scales it.
-    fn covariance(&self, state: &NavState, world: &WorldModel) -> SMatrix<f64, ROWS, ROWS>;
+/// The state at the time of a reading, as far as sensors look at it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// m.
+    pub position_enu: Vector3<f64>,
+    /// m/s.
+    pub velocity_enu: Vector3<f64>,
+    /// R.
+    pub r_enu_body: Matrix3<f64>,
+    /// rad/s.
+    pub gyro_bias: Vector3<f64>,
+}
+
+impl From<&NavState> for Pose {
+    fn from(state: &NavState) -> Pose {
+        Pose {
+            position_enu: state.position_enu,
+            velocity_enu: state.velocity_enu,
+            r_enu_body: state.r_enu_body(),
+            gyro_bias: state.gyro_bias,
+        }
+    }
+}
+
+/// A reading held against a pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen<const ROWS: usize> {
+    /// Predicted minus measured.
+    pub residual: SVector<f64, ROWS>,
+    /// H = ∂residual/∂(δp, δv, δθ) at the time of the reading.
+    pub jacobian: SMatrix<f64, ROWS, 9>,
+    /// R_z, covariance of the reading itself. The pose enters where the model's geometry scales it.
+    pub covariance: SMatrix<f64, ROWS, ROWS>,
 }
 
 /// A reading as a factor on the keyframe that it is tied to.
@@ -43,6 +72,8 @@ pub struct Anchored<const ROWS: usize> {
     pub covariance: SMatrix<f64, ROWS, ROWS>,
     /// Q: how it feels the noise of the increment.
     pub noise_rows: NoiseRows<ROWS>,
+    /// Gravity on the way to the reading, m/s²; `None` at the keyframe.
+    gravity_enu: Option<Vector3<f64>>,
 }
 
 impl<const ROWS: usize> Anchored<ROWS> {
@@ -55,35 +86,37 @@ impl<const ROWS: usize> Anchored<ROWS> {
         world: &WorldModel,
     ) -> Anchored<ROWS> {
         let carried = Carried::new(state, increment, world);
-        let at_reading = carried.state(state);
-        let (mut jacobian, by_increment) = carried.rows(&model.jacobian(&at_reading, world));
+        let seen = model.see(&carried.pose(state), world);
+        let (mut jacobian, by_increment) = carried.rows(&seen.jacobian);
         let by_gyro = model.gyro_bias_jacobian();
         if let Some(direct) = &by_gyro {
             let mut columns = jacobian.fixed_columns_mut::<3>(GYRO_BIAS);
             columns += direct;
         }
         Anchored {
-            residual: model.residual(&at_reading, world),
+            residual: seen.residual,
             jacobian,
-            covariance: model.covariance(&at_reading, world),
+            covariance: seen.covariance,
             noise_rows: NoiseRows { by_increment, by_gyro },
+            gravity_enu: Some(carried.gravity_enu()),
         }
     }
 
     /// The factor of a reading taken at the keyframe itself.
     #[inline]
     pub fn at_keyframe(model: &impl SensorModel<ROWS>, state: &NavState, world: &WorldModel) -> Anchored<ROWS> {
-        let h = model.jacobian(state, world);
+        let seen = model.see(&Pose::from(state), world);
         let mut jacobian = SMatrix::<f64, ROWS, ERROR_DIM>::zeros();
-        jacobian.fixed_columns_mut::<9>(0).copy_from(&h);
+        jacobian.fixed_columns_mut::<9>(0).copy_from(&seen.jacobian);
         if let Some(direct) = model.gyro_bias_jacobian() {
             jacobian.fixed_columns_mut::<3>(GYRO_BIAS).copy_from(&direct);
         }
         Anchored {
-            residual: model.residual(state, world),
+            residual: seen.residual,
             jacobian,
-            covariance: model.covariance(state, world),
+            covariance: seen.covariance,
             noise_rows: NoiseRows { by_increment: SMatrix::zeros(), by_gyro: None },
+            gravity_enu: None,
         }
     }
 
@@ -98,17 +131,17 @@ impl<const ROWS: usize> Anchored<ROWS> {
         point: &ImuPoint,
         world: &WorldModel,
     ) -> SVector<f64, ROWS> {
+        let r_enu_body = state.r_enu_body();
         let force = point.accel_body - state.accel_bias;
-        let rate = point.gyro_body - state.gyro_bias - state.q_enu_body.inverse() * world.earth_rate_enu;
-        let gravity = world.gravity.at(&state.position_enu);
+        let rate = point.gyro_body - state.gyro_bias - r_enu_body.tr_mul(&world.earth_rate_enu);
+        let gravity = self.gravity_enu.unwrap_or_else(|| world.gravity.at(&state.position_enu));
         let columns = |at: usize| self.jacobian.fixed_columns::<3>(at).into_owned();
         let Some(increment) = increment else {
-            let acceleration = state.q_enu_body * force + gravity;
+            let acceleration = r_enu_body * force + gravity;
             return columns(POSITION) * state.velocity_enu
                 + columns(VELOCITY) * acceleration
                 + columns(ATTITUDE) * rate;
         };
-        let r_enu_body = state.r_enu_body();
         let velocity = state.velocity_enu + gravity * increment.dt_total + r_enu_body * increment.beta;
         // In the axes of the keyframe's body, which the increment is written in.
         let acceleration: Vector3<f64> = increment.gamma * force + r_enu_body.tr_mul(&gravity);

@@ -3,7 +3,7 @@
 //! The general product of the linear algebra library goes through slices and strides; these are loops of constant
 //! length over whole columns, which the compiler unrolls.
 
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// Runs loops with the widest instructions of the processor that it meets, chosen at run time. Sums keep their order and
 /// nothing is fused, so the result is the same to the bit whatever is chosen.
@@ -38,6 +38,43 @@ pub(crate) fn product_transposed(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<
     c
 }
 
+/// `aᵀ·b`.
+#[inline(always)]
+pub(crate) fn transposed_product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
+    let (a, b) = (&a.data.0, &b.data.0);
+    let mut c = Matrix3::zeros();
+    for column in 0..3 {
+        for row in 0..3 {
+            c.data.0[column][row] = a[row][0] * b[column][0] + a[row][1] * b[column][1] + a[row][2] * b[column][2];
+        }
+    }
+    c
+}
+
+/// `a·[v]×`.
+#[inline(always)]
+pub(crate) fn product_with_skew(a: &Matrix3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
+    let a = &a.data.0;
+    let mut c = Matrix3::zeros();
+    for row in 0..3 {
+        c.data.0[0][row] = a[1][row] * v.z - a[2][row] * v.y;
+        c.data.0[1][row] = a[2][row] * v.x - a[0][row] * v.z;
+        c.data.0[2][row] = a[0][row] * v.y - a[1][row] * v.x;
+    }
+    c
+}
+
+/// `[v]×·a`.
+#[inline(always)]
+pub(crate) fn skew_product(v: &Vector3<f64>, a: &Matrix3<f64>) -> Matrix3<f64> {
+    let mut c = Matrix3::zeros();
+    for column in 0..3 {
+        let [x, y, z] = a.data.0[column];
+        c.data.0[column] = [v.y * z - v.z * y, v.z * x - v.x * z, v.x * y - v.y * x];
+    }
+    c
+}
+
 /// `rᵀ·C·r` of a symmetric C and three columns r.
 #[inline(always)]
 pub(crate) fn sandwich<const N: usize>(r: &SMatrix<f64, N, 3>, c: &SMatrix<f64, N, N>) -> Matrix3<f64> {
@@ -61,6 +98,7 @@ pub(crate) fn sandwich<const N: usize>(r: &SMatrix<f64, N, 3>, c: &SMatrix<f64, 
 }
 
 /// L⁻¹ of `P = LLᵀ`, lower triangular; `None` unless P is positive definite. Reads the lower triangle of P alone.
+#[inline]
 pub(crate) fn inverse_cholesky<const N: usize>(p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     // Columns below the diagonal; right-looking, so that the inner loops run down whole columns.
     let mut l = p.data.0;
@@ -118,6 +156,7 @@ pub(crate) fn gram_of_lower<const N: usize>(w: &SMatrix<f64, N, N>) -> SMatrix<f
 mod tests {
     use super::*;
     use approx::assert_relative_eq;
+    use nav_geometry::so3::skew;
 
     #[cfg(target_arch = "x86_64")]
     #[test]
@@ -136,6 +175,10 @@ mod tests {
         let b = Matrix3::from_fn(|row, column| ((row * 2 + column * 7) as f64).cos());
         assert_relative_eq!(product(&a, &b), a * b, epsilon = 1e-15);
         assert_relative_eq!(product_transposed(&a, &b), a * b.transpose(), epsilon = 1e-15);
+        assert_relative_eq!(transposed_product(&a, &b), a.transpose() * b, epsilon = 1e-15);
+        let v = Vector3::new(0.3, -1.2, 0.7);
+        assert_relative_eq!(product_with_skew(&a, &v), a * skew(&v), epsilon = 1e-15);
+        assert_relative_eq!(skew_product(&v, &a), skew(&v) * a, epsilon = 1e-15);
         let r = SMatrix::<f64, 5, 3>::from_fn(|row, column| ((row * 3 + column) as f64).sin());
         let root = SMatrix::<f64, 5, 5>::from_fn(|row, column| ((row * 11 + column * 4) as f64).cos());
         let c = root * root.transpose();

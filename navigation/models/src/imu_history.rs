@@ -71,9 +71,29 @@ impl ImuHistory {
         }
     }
 
+    /// Place of the first sample that is not before `t`. An instrument samples evenly: mostly it is where the time says, and a
+    /// search through all samples would fetch a dozen of them from far memory.
+    fn first_from(&self, t: Time) -> usize {
+        let is_before = |sample: &TimedPoint| sample.t < t;
+        if let (Some(oldest), Some(newest)) = (self.samples.front(), self.samples.back())
+            && (oldest.t..=newest.t).contains(&t)
+            && oldest.t < newest.t
+        {
+            let share = (t - oldest.t).as_seconds() / (newest.t - oldest.t).as_seconds();
+            let guess = (share * (self.samples.len() - 1) as f64) as usize;
+            for place in guess.saturating_sub(1)..(guess + 3).min(self.samples.len()) {
+                let is_after = place == 0 || is_before(&self.samples[place - 1]);
+                if is_after && !is_before(&self.samples[place]) {
+                    return place;
+                }
+            }
+        }
+        self.samples.partition_point(is_before)
+    }
+
     /// The sample at `t`, interpolated linearly; `None` outside the history.
     pub fn at(&self, t: Time) -> Option<ImuPoint> {
-        let after = self.samples.partition_point(|sample| sample.t < t);
+        let after = self.first_from(t);
         let second = self.samples.get(after)?;
         if second.t == t {
             return Some(second.point);
@@ -90,7 +110,7 @@ impl ImuHistory {
     /// Sampling period around `t`; that of the usual instrument where it cannot be told.
     pub fn sampling_period_at(&self, t: Time) -> Duration {
         const USUAL: Duration = Duration(5_000_000);
-        let after = self.samples.partition_point(|sample| sample.t < t).max(1);
+        let after = self.first_from(t).max(1);
         match (self.samples.get(after - 1), self.samples.get(after)) {
             (Some(first), Some(second)) => second.t - first.t,
             _ => USUAL,
@@ -215,6 +235,28 @@ mod tests {
         for (from, to) in [(0.1, 0.11), (0.11, 0.1), (0.005, 0.4), (0.4, 0.005), (0.9, 1.005), (1.005, 0.9)] {
             let piece = variance(from, to);
             assert!((piece / whole - 1.0).abs() < 1e-9, "{from} to {to}: {piece:e} {whole:e}");
+        }
+    }
+
+    #[test]
+    fn a_sample_is_found_where_a_search_through_all_finds_it() {
+        let mut history = ImuHistory::with_capacity(600);
+        // Even, a gap, jitter, another rate.
+        let mut t = 7.0_f64;
+        for k in 0..600 {
+            history.push(Time::from_seconds(t), ImuPoint::default());
+            t += match k {
+                0..200 => 0.005,
+                200 => 0.9,
+                201..400 => 0.005 + 0.004 * (f64::from(k) * 1.7).sin(),
+                _ => 0.01,
+            };
+        }
+        for step in -20..1200 {
+            for offset in [-1, 0, 1] {
+                let at = Time(Time::from_seconds(7.0 + 0.005 * f64::from(step)).0 + offset);
+                assert_eq!(history.first_from(at), history.samples.partition_point(|sample| sample.t < at));
+            }
         }
     }
 }

@@ -144,11 +144,7 @@ impl ImuFactor {
         put(VELOCITY, GYRO_BIAS, -d.beta_gyro);
         put(ATTITUDE, ATTITUDE, -(attitude_inverse * difference.relative_rotation.transpose()));
         // J_l⁻¹(r) = J_r⁻¹(r)ᵀ.
-        put(
-            ATTITUDE,
-            GYRO_BIAS,
-            -(attitude_inverse.transpose() * so3::right_jacobian(&difference.moved.c) * d.phi_gyro),
-        );
+        put(ATTITUDE, GYRO_BIAS, -(attitude_inverse.transpose() * difference.moved.right_jacobian * d.phi_gyro));
         put(ACCEL_BIAS, ACCEL_BIAS, -Matrix3::identity());
         put(GYRO_BIAS, GYRO_BIAS, -Matrix3::identity());
 

@@ -34,6 +34,9 @@ impl Innovation {
     /// Of rows at a step δ from their linearisation point, with the covariance of that state.
     pub fn of(rows: &[Row], delta: &BlockVector<DIM>, covariance: &Block<DIM>) -> Innovation {
         let count = rows.len();
+        if let [row] = rows {
+            return Innovation::of_one(row, delta, covariance);
+        }
         let mut s = SMatrix::<f64, 3, 3>::identity();
         let mut innovation = SVector::<f64, 3>::zeros();
         let mut slope = SVector::<f64, 3>::zeros();
@@ -60,6 +63,22 @@ impl Innovation {
         }
         let nis = whitened.rows(0, count).norm_squared();
         Innovation { whitened: whitened.into(), nis, state_share, slope: slope.into() }
+    }
+
+    fn of_one(row: &Row, delta: &BlockVector<DIM>, covariance: &Block<DIM>) -> Innovation {
+        let mut projected = BlockVector::zeros();
+        add_times_transposed(&mut projected, covariance, &row.jacobian, 1.0);
+        let state_share = dot(&row.jacobian, &projected);
+        let s = 1.0 + state_share;
+        // Where rounding has left less than nothing, as it is: the gate refuses it.
+        let scale = if s > 0.0 { 1.0 / s.sqrt() } else { 1.0 };
+        let whitened = row.after(delta) * scale;
+        Innovation {
+            whitened: [whitened, 0.0, 0.0],
+            nis: whitened * whitened,
+            state_share,
+            slope: [row.slope * scale, 0.0, 0.0],
+        }
     }
 
     /// The same for one range whose epoch's unknown offset is estimated as `offset` sigmas of that range.

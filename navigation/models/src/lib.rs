@@ -27,7 +27,7 @@ mod testing;
 pub mod transport;
 pub mod world;
 
-pub use anchored::{Anchored, SensorModel};
+pub use anchored::{Anchored, Pose, Seen, SensorModel};
 pub use blocks::wide;
 pub use estimator::{Effort, Estimator, EstimatorError};
 pub use inertial::{ImuFactor, ImuJacobians, ImuWeight, NotPositiveDefinite};

@@ -121,6 +121,8 @@ pub struct CorrectedIncrement {
     pub gamma: Matrix3<f64>,
     /// The rotation vector that corrected γ, rad.
     pub c: Vector3<f64>,
+    /// J_r(c).
+    pub right_jacobian: Matrix3<f64>,
 }
 
 impl Increment {
@@ -131,11 +133,13 @@ impl Increment {
         let gyro_change = gyro_bias - self.gyro_bias;
         let d = &self.bias_jacobian;
         let c = d.phi_gyro * gyro_change;
+        let (turn, right_jacobian) = so3::exp_and_right_jacobian(&c);
         CorrectedIncrement {
             alpha: self.alpha + d.alpha_accel * accel_change + d.alpha_gyro * gyro_change,
             beta: self.beta + d.beta_accel * accel_change + d.beta_gyro * gyro_change,
-            gamma: self.gamma * so3::exp(&c),
+            gamma: product(&self.gamma, &turn),
             c,
+            right_jacobian,
         }
     }
 

@@ -10,6 +10,7 @@
 use nalgebra::{Matrix4, Vector3, Vector4};
 use shared_types::{Config, Duration, ImuNoise, Measurement, Reading, Time};
 
+use crate::anchored::Pose;
 use crate::preintegration::Preintegration;
 use crate::robust::chi2_999;
 use crate::sensors::LblModel;
@@ -103,7 +104,7 @@ pub fn loosening(
         let mut right = -prior.component_mul(&at);
         chi2 = prior.component_mul(&at).dot(&at);
         for model in ranges() {
-            let (distance, u) = model.distance_and_direction(&fitted);
+            let (distance, u) = model.distance_and_direction(&Pose::from(&fitted));
             let sigma = config.vehicle.lbl.sigma.hypot(model.buoy_sigma);
             let residual = (distance + offset - model.range) / sigma;
             let row = Vector4::new(u.x, u.y, u.z, 1.0) / sigma;

@@ -2,9 +2,10 @@
 //!
 //! A row is r̃ + j̃ᵀ δ with unit variance, δ the step of a state from its linearisation point.
 
-use nalgebra::{ArrayStorage, Cholesky, SMatrix, SVector};
+use nalgebra::{ArrayStorage, SMatrix, SVector};
 
 use crate::anchored::Anchored;
+use crate::blocks::inverse_cholesky;
 use crate::kernels::{BlockVector, dot};
 use crate::state::ERROR_DIM;
 
@@ -93,7 +94,5 @@ impl MeasuredRows {
 /// L⁻¹ with Λ = LLᵀ; `None` where Λ is singular.
 #[inline]
 pub fn inverse_root<const ROWS: usize>(covariance: &SMatrix<f64, ROWS, ROWS>) -> Option<SMatrix<f64, ROWS, ROWS>> {
-    let l = Cholesky::new(*covariance)?.l();
-    let mut inverse = SMatrix::<f64, ROWS, ROWS>::identity();
-    l.solve_lower_triangular_mut(&mut inverse).then_some(inverse)
+    inverse_cholesky(covariance)
 }

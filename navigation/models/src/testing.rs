@@ -7,7 +7,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use shared_types::ImuNoise;
 
-use crate::anchored::{Anchored, SensorModel};
+use crate::anchored::{Anchored, Pose, SensorModel};
 use crate::preintegration::{ImuPoint, Preintegration};
 use crate::state::{ERROR_DIM, NavState};
 use crate::world::WorldModel;
@@ -138,7 +138,7 @@ pub(crate) fn check_anchored_jacobian_where<const ROWS: usize, M: SensorModel<RO
         let analytic = Anchored::new(&model, &state, &increment, &world).jacobian;
         let numeric = numeric_jacobian(1e-3, |delta: &SVector<f64, ERROR_DIM>| {
             let moved = state.retract(delta);
-            model.residual(&crate::transport::transport(&moved, &increment, &world), &world)
+            model.see(&Pose::from(&crate::transport::transport(&moved, &increment, &world)), &world).residual
         });
         assert_jacobians_agree(&analytic, &numeric, tolerance);
         checked += 1;

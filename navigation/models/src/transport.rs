@@ -13,6 +13,8 @@
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use nav_geometry::so3;
 
+use crate::anchored::Pose;
+use crate::blocks::{product, transposed_product};
 use crate::preintegration::{CorrectedIncrement, Increment};
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::world::WorldModel;
@@ -26,18 +28,16 @@ pub(crate) struct EarthMotion {
     pub(crate) fall: Vector3<f64>,
     /// G_β, m/s.
     pub(crate) fall_velocity: Vector3<f64>,
+    /// g, m/s².
+    gravity: Vector3<f64>,
 }
 
 impl EarthMotion {
     #[inline]
     pub(crate) fn over(dt: f64, from: &NavState, world: &WorldModel) -> EarthMotion {
         let gravity = world.gravity.at(&(from.position_enu + from.velocity_enu * (0.5 * dt)));
-        let angle = world.earth_rate_enu * dt;
-        EarthMotion {
-            turn: so3::exp(&angle),
-            fall: so3::gamma2(&angle) * gravity * (dt * dt),
-            fall_velocity: so3::left_jacobian(&angle) * gravity * dt,
-        }
+        let [turn, left_jacobian, gamma2] = so3::exp_left_jacobian_and_gamma2(&(world.earth_rate_enu * dt));
+        EarthMotion { turn, fall: gamma2 * gravity * (dt * dt), fall_velocity: left_jacobian * gravity * dt, gravity }
     }
 }
 
@@ -77,23 +77,33 @@ impl<'a> Carried<'a> {
         }
     }
 
-    /// The state at the end; `from` is that of [`Carried::new`].
+    /// g over the way, m/s².
+    pub(crate) fn gravity_enu(&self) -> Vector3<f64> {
+        self.earth.gravity
+    }
+
+    /// What a sensor sees at the end; `from` is that of [`Carried::new`].
     #[inline]
-    pub(crate) fn state(&self, from: &NavState) -> NavState {
+    pub(crate) fn pose(&self, from: &NavState) -> Pose {
         let (dt, turn) = (self.increment.dt_total, &self.earth.turn);
         let step = turn.tr_mul(&(from.velocity_enu * dt + self.earth.fall + self.r_enu_body * self.moved.alpha));
         let velocity = turn.tr_mul(&(from.velocity_enu + self.earth.fall_velocity + self.r_enu_body * self.moved.beta));
-        let attitude = turn.tr_mul(&(self.r_enu_body * self.moved.gamma));
-        let rotation = nalgebra::Rotation3::from_matrix_unchecked(attitude);
-        let mut q_enu_body = UnitQuaternion::from_rotation_matrix(&rotation);
-        q_enu_body.renormalize_fast();
-        NavState {
+        Pose {
             position_enu: from.position_enu + step,
             velocity_enu: velocity - self.earth_rate_enu.cross(&step),
-            q_enu_body,
-            accel_bias: from.accel_bias,
+            r_enu_body: transposed_product(turn, &product(&self.r_enu_body, &self.moved.gamma)),
             gyro_bias: from.gyro_bias,
         }
+    }
+
+    /// The state at the end; `from` is that of [`Carried::new`].
+    #[inline]
+    pub(crate) fn state(&self, from: &NavState) -> NavState {
+        let Pose { position_enu, velocity_enu, r_enu_body, gyro_bias } = self.pose(from);
+        let rotation = nalgebra::Rotation3::from_matrix_unchecked(r_enu_body);
+        let mut q_enu_body = UnitQuaternion::from_rotation_matrix(&rotation);
+        q_enu_body.renormalize_fast();
+        NavState { position_enu, velocity_enu, q_enu_body, accel_bias: from.accel_bias, gyro_bias }
     }
 
     /// `H·T_j` and `H·L` of a sensor's rows H, from right to left: a tenth of the work of the matrices themselves.
@@ -104,7 +114,6 @@ impl<'a> Carried<'a> {
     ) -> (SMatrix<f64, ROWS, ERROR_DIM>, SMatrix<f64, ROWS, 9>) {
         let d = &self.increment.bias_jacobian;
         let turn = &self.earth.turn;
-        let right_jacobian = so3::right_jacobian(&self.moved.c);
         let mut by_state = SMatrix::<f64, ROWS, ERROR_DIM>::zeros();
         let mut by_increment = SMatrix::<f64, ROWS, 9>::zeros();
         for row in 0..ROWS {
@@ -115,7 +124,7 @@ impl<'a> Carried<'a> {
             let (turned_step, turned_velocity) = (turn * by_step, turn * by_velocity);
             let by_alpha = self.r_enu_body.tr_mul(&turned_step);
             let by_beta = self.r_enu_body.tr_mul(&turned_velocity);
-            let by_end_rate = right_jacobian.tr_mul(&by_attitude);
+            let by_end_rate = self.moved.right_jacobian.tr_mul(&by_attitude);
             let mut put = |at: usize, values: Vector3<f64>| {
                 for axis in 0..3 {
                     by_state[(row, at + axis)] = values[axis];
@@ -171,7 +180,7 @@ pub fn transport_jacobians(from: &NavState, increment: &Increment, world: &World
     put(VELOCITY, ACCEL_BIAS, k * d.beta_accel - earth_rate * position_by_accel);
     put(VELOCITY, GYRO_BIAS, k * d.beta_gyro - earth_rate * position_by_gyro);
     put(ATTITUDE, ATTITUDE, moved.gamma.transpose());
-    put(ATTITUDE, GYRO_BIAS, so3::right_jacobian(&moved.c) * d.phi_gyro);
+    put(ATTITUDE, GYRO_BIAS, moved.right_jacobian * d.phi_gyro);
 
     let mut increment = SMatrix::<f64, 9, 9>::zeros();
     increment.fixed_view_mut::<3, 3>(0, 0).copy_from(&k);

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, Matrix3, SMatrix, UnitQuaternion, Vector3};
 use nav_geometry::Geodetic;
 use nav_models::gaps::Inflation;
 use nav_models::sensors::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
-use nav_models::{ImuPoint, NavState, Preintegration, SensorModel, WorldModel, transport_jacobians};
+use nav_models::{ImuPoint, NavState, Pose, Preintegration, SensorModel, WorldModel, transport_jacobians};
 use nav_preprocessing::Preprocessor;
 use shared_types::{Config, Measurement, RawReading, Reading, Time};
 use sim_world::{Motion, World};
@@ -243,12 +243,12 @@ fn rows_of<const ROWS: usize>(
     world: &WorldModel,
 ) -> (DMatrix<f64>, DMatrix<f64>) {
     let mut h = DMatrix::zeros(ROWS, 15);
-    h.columns_mut(0, 9).copy_from(&model.jacobian(state, world));
+    let seen = model.see(&Pose::from(state), world);
+    h.columns_mut(0, 9).copy_from(&seen.jacobian);
     if let Some(by_gyro_bias) = model.gyro_bias_jacobian() {
         h.columns_mut(12, 3).copy_from(&by_gyro_bias);
     }
-    let r = model.covariance(state, world);
-    (h, DMatrix::from_fn(ROWS, ROWS, |i, j| r[(i, j)]))
+    (h, DMatrix::from_fn(ROWS, ROWS, |i, j| seen.covariance[(i, j)]))
 }
 
 /// (I − KH) P (I − KH)ᵀ + K R Kᵀ; `None` if the innovation's covariance is singular.

@@ -13,7 +13,10 @@
 //! `ξ_b = V(ξ_f − D_f w)` with `w` the change of the biases.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
+
 use nav_geometry::so3::skew;
+
+use crate::blocks::{product, product_with_skew, skew_product};
 
 use super::covariance::{CovarianceBlocks, symmetric};
 use super::{BiasJacobian, Increment, Preintegration};
@@ -37,8 +40,8 @@ impl Carry {
     fn of(gamma_kj: &Matrix3<f64>, dt: f64, alpha: &Vector3<f64>, beta: &Vector3<f64>, gamma: &Matrix3<f64>) -> Carry {
         Carry {
             dt,
-            alpha_by_phi: -(gamma_kj * skew(alpha)),
-            beta_by_phi: -(gamma_kj * skew(beta)),
+            alpha_by_phi: -product_with_skew(gamma_kj, alpha),
+            beta_by_phi: -product_with_skew(gamma_kj, beta),
             phi_by_phi: gamma.transpose(),
             bias: BiasJacobian::zeros(),
         }
@@ -105,10 +108,10 @@ impl Carry {
     fn jacobian(&self, d: &BiasJacobian) -> BiasJacobian {
         BiasJacobian {
             alpha_accel: d.alpha_accel + d.beta_accel * self.dt,
-            alpha_gyro: d.alpha_gyro + d.beta_gyro * self.dt + self.alpha_by_phi * d.phi_gyro,
+            alpha_gyro: d.alpha_gyro + d.beta_gyro * self.dt + product(&self.alpha_by_phi, &d.phi_gyro),
             beta_accel: d.beta_accel,
-            beta_gyro: d.beta_gyro + self.beta_by_phi * d.phi_gyro,
-            phi_gyro: self.phi_by_phi * d.phi_gyro,
+            beta_gyro: d.beta_gyro + product(&self.beta_by_phi, &d.phi_gyro),
+            phi_gyro: product(&self.phi_by_phi, &d.phi_gyro),
         }
     }
 }
@@ -117,10 +120,10 @@ impl BiasJacobian {
     /// diag(R, R, I)·D.
     fn rotated(&self, r: &Matrix3<f64>) -> BiasJacobian {
         BiasJacobian {
-            alpha_accel: r * self.alpha_accel,
-            alpha_gyro: r * self.alpha_gyro,
-            beta_accel: r * self.beta_accel,
-            beta_gyro: r * self.beta_gyro,
+            alpha_accel: product(r, &self.alpha_accel),
+            alpha_gyro: product(r, &self.alpha_gyro),
+            beta_accel: product(r, &self.beta_accel),
+            beta_gyro: product(r, &self.beta_gyro),
             phi_gyro: self.phi_gyro,
         }
     }
@@ -222,7 +225,7 @@ impl Increment {
         let r_j_k = prefix_kj.gamma.transpose();
         let alpha = r_j_k * (whole_ke.alpha - prefix_kj.alpha - prefix_kj.beta * dt);
         let beta = r_j_k * (whole_ke.beta - prefix_kj.beta);
-        let gamma = r_j_k * whole_ke.gamma;
+        let gamma = product(&r_j_k, &whole_ke.gamma);
         let carry = Carry::of(&prefix_kj.gamma, dt, &alpha, &beta, &gamma);
         let bias =
             whole_ke.bias_jacobian.zip(&carry.jacobian(&prefix_kj.bias_jacobian), |whole, carried| whole - carried);
@@ -269,11 +272,11 @@ impl Increment {
         let alpha = r_end_start * (self.beta * dt - self.alpha);
         let d = &self.bias_jacobian;
         let bias_jacobian = BiasJacobian {
-            alpha_accel: r_end_start * (d.beta_accel * dt - d.alpha_accel),
-            alpha_gyro: r_end_start * (d.beta_gyro * dt - d.alpha_gyro) + skew(&alpha) * d.phi_gyro,
-            beta_accel: -(r_end_start * d.beta_accel),
-            beta_gyro: -(r_end_start * d.beta_gyro) + skew(&beta) * d.phi_gyro,
-            phi_gyro: -(self.gamma * d.phi_gyro),
+            alpha_accel: product(&r_end_start, &(d.beta_accel * dt - d.alpha_accel)),
+            alpha_gyro: product(&r_end_start, &(d.beta_gyro * dt - d.alpha_gyro)) + skew_product(&alpha, &d.phi_gyro),
+            beta_accel: -product(&r_end_start, &d.beta_accel),
+            beta_gyro: -product(&r_end_start, &d.beta_gyro) + skew_product(&beta, &d.phi_gyro),
+            phi_gyro: -product(&self.gamma, &d.phi_gyro),
         };
         Increment {
             dt_total: -dt,

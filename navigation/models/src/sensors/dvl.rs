@@ -9,12 +9,13 @@
 //! measures in the body, and so it tells of attitude. The gyroscope sample that moves the lever arm is noisy too:
 //! R_z gains `Mᵀ[l]×(σ_g²/Δt)[l]×ᵀM`.
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, Vector3};
 use nav_geometry::so3;
 use shared_types::{Dvl, ImuNoise};
 
-use crate::anchored::SensorModel;
-use crate::state::{ATTITUDE, NavState, VELOCITY};
+use crate::anchored::{Pose, Seen, SensorModel};
+use crate::blocks::{product, product_transposed, product_with_skew};
+use crate::state::{ATTITUDE, VELOCITY};
 use crate::world::WorldModel;
 
 /// One velocity.
@@ -61,30 +62,27 @@ impl DvlModel {
 }
 
 impl SensorModel<3> for DvlModel {
-    fn residual(&self, state: &NavState, world: &WorldModel) -> SVector<f64, 3> {
-        let q_body_enu = state.q_enu_body.inverse();
-        let rate_body = self.gyro_body - state.gyro_bias - q_body_enu * world.earth_rate_enu;
-        let velocity_body = q_body_enu * state.velocity_enu + rate_body.cross(&self.lever_arm_body);
-        self.r_dvl_body * velocity_body * (1.0 + self.scale) - self.velocity_dvl
-    }
-
-    fn jacobian(&self, state: &NavState, world: &WorldModel) -> SMatrix<f64, 3, 9> {
-        let r_body_enu = state.r_enu_body().transpose();
-        let velocity_body = r_body_enu * state.velocity_enu;
-        let earth_rate_body = r_body_enu * world.earth_rate_enu;
-        let by_attitude = so3::skew(&velocity_body) + so3::skew(&self.lever_arm_body) * so3::skew(&earth_rate_body);
+    fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<3> {
+        let velocity_body = pose.r_enu_body.tr_mul(&pose.velocity_enu);
+        let earth_rate_body = pose.r_enu_body.tr_mul(&world.earth_rate_enu);
+        let arm = &self.lever_arm_body;
+        let rate_body = self.gyro_body - pose.gyro_bias - earth_rate_body;
         let scaled = self.r_dvl_body * (1.0 + self.scale);
+        // [l]×[ω]× = ω lᵀ − (l·ω) I.
+        let mut by_attitude = so3::skew(&velocity_body) + earth_rate_body * arm.transpose();
+        let turned_arm = arm.dot(&earth_rate_body);
+        (0..3).for_each(|axis| by_attitude[(axis, axis)] -= turned_arm);
         let mut jacobian = SMatrix::<f64, 3, 9>::zeros();
-        jacobian.fixed_columns_mut::<3>(VELOCITY).copy_from(&(scaled * r_body_enu));
-        jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&(scaled * by_attitude));
-        jacobian
+        jacobian.fixed_columns_mut::<3>(VELOCITY).copy_from(&product_transposed(&scaled, &pose.r_enu_body));
+        jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&product(&scaled, &by_attitude));
+        Seen {
+            residual: scaled * (velocity_body + rate_body.cross(arm)) - self.velocity_dvl,
+            jacobian,
+            covariance: self.covariance,
+        }
     }
 
     fn gyro_bias_jacobian(&self) -> Option<SMatrix<f64, 3, 3>> {
-        Some(self.r_dvl_body * so3::skew(&self.lever_arm_body) * (1.0 + self.scale))
-    }
-
-    fn covariance(&self, _state: &NavState, _world: &WorldModel) -> SMatrix<f64, 3, 3> {
-        self.covariance
+        Some(product_with_skew(&(self.r_dvl_body * (1.0 + self.scale)), &self.lever_arm_body))
     }
 }

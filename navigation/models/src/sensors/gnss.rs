@@ -9,12 +9,12 @@
 //! turns them to the axes of the origin. When a component was not reported (infinite sigma) the rows are taken along those
 //! local axes instead, and the missing one is a row of zeros with unit variance: it says nothing and weighs nothing.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use nav_geometry::so3;
+use nalgebra::{Matrix3, SMatrix, Vector3};
 use shared_types::Gnss;
 
-use crate::anchored::SensorModel;
-use crate::state::{ATTITUDE, NavState, POSITION};
+use crate::anchored::{Pose, Seen, SensorModel};
+use crate::blocks::{product, product_with_skew};
+use crate::state::{ATTITUDE, POSITION};
 use crate::world::WorldModel;
 
 /// One fix.
@@ -55,19 +55,12 @@ impl GnssModel {
 }
 
 impl SensorModel<3> for GnssModel {
-    fn residual(&self, state: &NavState, _world: &WorldModel) -> SVector<f64, 3> {
-        self.r_rows_enu * (state.position_enu + state.q_enu_body * self.lever_arm_body - self.antenna_enu)
-    }
-
-    fn jacobian(&self, state: &NavState, _world: &WorldModel) -> SMatrix<f64, 3, 9> {
+    fn see(&self, pose: &Pose, _world: &WorldModel) -> Seen<3> {
+        let antenna_enu = pose.position_enu + pose.r_enu_body * self.lever_arm_body;
         let mut jacobian = SMatrix::<f64, 3, 9>::zeros();
         jacobian.fixed_columns_mut::<3>(POSITION).copy_from(&self.r_rows_enu);
-        let by_attitude = -(self.r_rows_enu * state.r_enu_body() * so3::skew(&self.lever_arm_body));
+        let by_attitude = -product_with_skew(&product(&self.r_rows_enu, &pose.r_enu_body), &self.lever_arm_body);
         jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&by_attitude);
-        jacobian
-    }
-
-    fn covariance(&self, _state: &NavState, _world: &WorldModel) -> SMatrix<f64, 3, 3> {
-        self.covariance
+        Seen { residual: self.r_rows_enu * (antenna_enu - self.antenna_enu), jacobian, covariance: self.covariance }
     }
 }

@@ -9,12 +9,11 @@
 //! with position and buoys in one Cartesian frame the unit vector says it all. How the ranges of one
 //! epoch are joined, raw or as differences, is the estimators' affair: they differ in what they keep of the common offset.
 
-use nalgebra::{SMatrix, SVector, Vector1, Vector3};
-use nav_geometry::so3;
+use nalgebra::{SMatrix, Vector1, Vector3};
 use shared_types::Lbl;
 
-use crate::anchored::SensorModel;
-use crate::state::{ATTITUDE, NavState, POSITION};
+use crate::anchored::{Pose, Seen, SensorModel};
+use crate::state::{ATTITUDE, POSITION};
 use crate::world::WorldModel;
 
 /// One range.
@@ -48,32 +47,27 @@ impl LblModel {
     }
 
     /// ρ and u: distance from the buoy to the transducer and its direction. On the buoy itself the direction is zero.
-    pub fn distance_and_direction(&self, state: &NavState) -> (f64, Vector3<f64>) {
-        let from_buoy = state.position_enu + state.q_enu_body * self.lever_arm_body - self.buoy_enu;
+    pub fn distance_and_direction(&self, pose: &Pose) -> (f64, Vector3<f64>) {
+        let from_buoy = pose.position_enu + pose.r_enu_body * self.lever_arm_body - self.buoy_enu;
         let distance = from_buoy.norm();
         (distance, if distance > 0.0 { from_buoy / distance } else { Vector3::zeros() })
     }
 }
 
 impl SensorModel<1> for LblModel {
-    fn residual(&self, state: &NavState, _world: &WorldModel) -> SVector<f64, 1> {
-        let (distance, _) = self.distance_and_direction(state);
-        Vector1::new((1.0 + self.range_scale) * distance - self.range)
-    }
-
-    fn jacobian(&self, state: &NavState, _world: &WorldModel) -> SMatrix<f64, 1, 9> {
-        let (_, direction) = self.distance_and_direction(state);
-        let by_position = direction.transpose() * (1.0 + self.range_scale);
+    /// R_z is σ² + uᵀΣ_B u, with the buoy's covariance equal in all axes.
+    fn see(&self, pose: &Pose, _world: &WorldModel) -> Seen<1> {
+        let (distance, direction) = self.distance_and_direction(pose);
+        let by_position = direction * (1.0 + self.range_scale);
         let mut jacobian = SMatrix::<f64, 1, 9>::zeros();
-        jacobian.fixed_columns_mut::<3>(POSITION).copy_from(&by_position);
-        let by_attitude = -(by_position * state.r_enu_body() * so3::skew(&self.lever_arm_body));
-        jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&by_attitude);
-        jacobian
-    }
-
-    /// σ² + uᵀΣ_B u, with the buoy's covariance equal in all axes.
-    fn covariance(&self, _state: &NavState, _world: &WorldModel) -> SMatrix<f64, 1, 1> {
+        jacobian.fixed_columns_mut::<3>(POSITION).copy_from(&by_position.transpose());
+        let by_attitude = self.lever_arm_body.cross(&pose.r_enu_body.tr_mul(&by_position));
+        jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&by_attitude.transpose());
         let buoy = (1.0 + self.range_scale) * self.buoy_sigma;
-        SMatrix::<f64, 1, 1>::new(self.sigma * self.sigma + buoy * buoy)
+        Seen {
+            residual: Vector1::new((1.0 + self.range_scale) * distance - self.range),
+            jacobian,
+            covariance: SMatrix::<f64, 1, 1>::new(self.sigma * self.sigma + buoy * buoy),
+        }
     }
 }

@@ -11,10 +11,10 @@
 
 use core::f64::consts::PI;
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector1};
+use nalgebra::{Matrix3, SMatrix, Vector1, Vector3};
 use shared_types::Mcp;
 
-use crate::anchored::SensorModel;
+use crate::anchored::{Pose, Seen, SensorModel};
 use crate::state::{ATTITUDE, NavState};
 use crate::world::WorldModel;
 
@@ -44,42 +44,34 @@ impl McpModel {
 
     /// Heading of the body x axis, clockwise from north at the vehicle, rad.
     pub fn predicted_heading(state: &NavState, world: &WorldModel) -> f64 {
-        let r_local_body = r_local_body(state, world);
-        r_local_body[(0, 0)].atan2(r_local_body[(1, 0)])
+        let [east, north] = east_and_north(&state.position_enu, &state.r_enu_body(), world);
+        east.x.atan2(north.x)
     }
 
     /// Whether the body x axis is far enough from the vertical to have a heading.
     pub fn is_usable(state: &NavState, world: &WorldModel) -> bool {
-        let r_local_body = r_local_body(state, world);
-        let (east, north) = (r_local_body[(0, 0)], r_local_body[(1, 0)]);
-        east * east + north * north >= MIN_COSINE_OF_PITCH * MIN_COSINE_OF_PITCH
+        let [east, north] = east_and_north(&state.position_enu, &state.r_enu_body(), world);
+        east.x * east.x + north.x * north.x >= MIN_COSINE_OF_PITCH * MIN_COSINE_OF_PITCH
     }
 }
 
-fn r_local_body(state: &NavState, world: &WorldModel) -> Matrix3<f64> {
-    world.frame.local_axes_at(&state.position_enu).tr_mul(&state.r_enu_body())
+/// The first two rows of R': east and north at the vehicle along the axes of the body.
+fn east_and_north(position_enu: &Vector3<f64>, r_enu_body: &Matrix3<f64>, world: &WorldModel) -> [Vector3<f64>; 2] {
+    world.frame.east_and_north_at(position_enu).map(|axis| r_enu_body.tr_mul(&axis))
 }
 
 impl SensorModel<1> for McpModel {
-    fn residual(&self, state: &NavState, world: &WorldModel) -> SVector<f64, 1> {
-        Vector1::new(wrap(McpModel::predicted_heading(state, world) - self.heading))
-    }
-
-    /// ∂ψ/∂p, at most tan φ/N, is left out.
-    fn jacobian(&self, state: &NavState, world: &WorldModel) -> SMatrix<f64, 1, 9> {
-        let r = r_local_body(state, world);
-        let (east, north) = (r[(0, 0)], r[(1, 0)]);
-        let s = (east * east + north * north).max(MIN_COSINE_OF_PITCH * MIN_COSINE_OF_PITCH);
+    /// ∂ψ/∂p, at most tan φ/N, is left out; R_z is (σ/cos pitch)².
+    fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<1> {
+        let [east, north] = east_and_north(&pose.position_enu, &pose.r_enu_body, world);
+        let s = (east.x * east.x + north.x * north.x).max(MIN_COSINE_OF_PITCH * MIN_COSINE_OF_PITCH);
         let mut jacobian = SMatrix::<f64, 1, 9>::zeros();
-        jacobian[ATTITUDE + 1] = -(north * r[(0, 2)] - east * r[(1, 2)]) / s;
-        jacobian[ATTITUDE + 2] = (north * r[(0, 1)] - east * r[(1, 1)]) / s;
-        jacobian
-    }
-
-    /// (σ/cos pitch)².
-    fn covariance(&self, state: &NavState, world: &WorldModel) -> SMatrix<f64, 1, 1> {
-        let r = r_local_body(state, world);
-        let s = r[(0, 0)] * r[(0, 0)] + r[(1, 0)] * r[(1, 0)];
-        SMatrix::<f64, 1, 1>::new(self.sigma * self.sigma / s.max(MIN_COSINE_OF_PITCH * MIN_COSINE_OF_PITCH))
+        jacobian[ATTITUDE + 1] = -(north.x * east.z - east.x * north.z) / s;
+        jacobian[ATTITUDE + 2] = (north.x * east.y - east.x * north.y) / s;
+        Seen {
+            residual: Vector1::new(wrap(east.x.atan2(north.x) - self.heading)),
+            jacobian,
+            covariance: SMatrix::<f64, 1, 1>::new(self.sigma * self.sigma / s),
+        }
     }
 }

@@ -8,12 +8,12 @@
 //! Height above the ellipsoid, through ECEF: 5 km from the origin it differs from the `up` coordinate by 2 m. The sign is
 //! made explicit: depth grows downwards (the paper's term, read as a depth, has it turned). Lever arm added.
 
-use nalgebra::{SMatrix, SVector, Vector1, Vector3};
-use nav_geometry::so3;
+use nalgebra::{SMatrix, Vector1, Vector3};
+use nav_geometry::SurfacePoint;
 use shared_types::Vehicle;
 
-use crate::anchored::SensorModel;
-use crate::state::{ATTITUDE, NavState, POSITION};
+use crate::anchored::{Pose, Seen, SensorModel};
+use crate::state::{ATTITUDE, POSITION};
 use crate::world::WorldModel;
 
 /// One depth.
@@ -39,27 +39,21 @@ impl PsModel {
             sigma: vehicle.ps.sigma,
         }
     }
-
-    fn port_enu(&self, state: &NavState) -> Vector3<f64> {
-        state.position_enu + state.q_enu_body * self.lever_arm_body
-    }
 }
 
 impl SensorModel<1> for PsModel {
-    fn residual(&self, state: &NavState, world: &WorldModel) -> SVector<f64, 1> {
-        Vector1::new(self.surface_height - world.frame.height_at(&self.port_enu(state)) - self.depth)
-    }
-
-    fn jacobian(&self, state: &NavState, world: &WorldModel) -> SMatrix<f64, 1, 9> {
-        let down = -world.frame.up_at(&self.port_enu(state)).transpose();
+    fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<1> {
+        let port_enu = pose.position_enu + pose.r_enu_body * self.lever_arm_body;
+        let SurfacePoint { up_enu, height, .. } = world.frame.surface_point(&port_enu);
+        let down = -up_enu;
         let mut jacobian = SMatrix::<f64, 1, 9>::zeros();
-        jacobian.fixed_columns_mut::<3>(POSITION).copy_from(&down);
-        let by_attitude = -(down * state.r_enu_body() * so3::skew(&self.lever_arm_body));
-        jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&by_attitude);
-        jacobian
-    }
-
-    fn covariance(&self, _state: &NavState, _world: &WorldModel) -> SMatrix<f64, 1, 1> {
-        SMatrix::<f64, 1, 1>::new(self.sigma * self.sigma)
+        jacobian.fixed_columns_mut::<3>(POSITION).copy_from(&down.transpose());
+        let by_attitude = self.lever_arm_body.cross(&pose.r_enu_body.tr_mul(&down));
+        jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&by_attitude.transpose());
+        Seen {
+            residual: Vector1::new(self.surface_height - height - self.depth),
+            jacobian,
+            covariance: SMatrix::<f64, 1, 1>::new(self.sigma * self.sigma),
+        }
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use shared_types::{Dvl, Gnss, Lbl, Mcp, Vehicle};
 
 use super::*;
-use crate::anchored::{Anchored, SensorModel};
+use crate::anchored::{Anchored, Pose, SensorModel};
 use crate::preintegration::{Piece, Preintegration};
 use crate::state::{GYRO_BIAS, NavState, POSITION};
 use crate::testing::{
@@ -173,7 +173,7 @@ fn golden_lbl_is_met() {
         (624.238424531, [0.834063824598, -0.544693766188, -0.0874427674175]),
     ];
     for ((state, piece), (distance, direction)) in both_ways().into_iter().zip(directions) {
-        let (found, u) = golden_lbl().distance_and_direction(&transport(&state, &piece, &world()));
+        let (found, u) = golden_lbl().distance_and_direction(&Pose::from(&transport(&state, &piece, &world())));
         assert_relative_eq!(found, distance, epsilon = 1e-8);
         assert_relative_eq!(u, Vector3::from(direction), epsilon = 1e-11);
     }
@@ -219,7 +219,8 @@ fn a_deeper_vehicle_predicts_a_greater_depth() {
     let shallow = golden_from();
     let mut deep = shallow;
     deep.position_enu.z -= 2.0;
-    let change = golden_ps().residual(&deep, &world()) - golden_ps().residual(&shallow, &world());
+    let change = golden_ps().see(&Pose::from(&deep), &world()).residual
+        - golden_ps().see(&Pose::from(&shallow), &world()).residual;
     assert_relative_eq!(change[0], 2.0, epsilon = 1e-8);
 }
 
@@ -230,9 +231,9 @@ fn a_right_turn_makes_the_heading_grow_and_the_residual_wraps() {
     let mut turned = state;
     turned.q_enu_body = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, -0.1) * state.q_enu_body;
     // About the up axis of the origin, 8e-5 rad from that of the vehicle.
-    assert_relative_eq!(model.residual(&turned, &world())[0], 0.1, epsilon = 1e-5);
+    assert_relative_eq!(model.see(&Pose::from(&turned), &world()).residual[0], 0.1, epsilon = 1e-5);
     let opposite = McpModel { heading: model.heading + 2.0 * std::f64::consts::PI - 0.1, ..model };
-    assert_relative_eq!(opposite.residual(&state, &world())[0], 0.1, epsilon = 1e-12);
+    assert_relative_eq!(opposite.see(&Pose::from(&state), &world()).residual[0], 0.1, epsilon = 1e-12);
     assert_relative_eq!(mcp::wrap(-std::f64::consts::PI), std::f64::consts::PI);
 }
 
@@ -245,7 +246,8 @@ fn a_heading_near_the_vertical_is_not_usable_and_its_sigma_grows_before() {
     let model = golden_mcp();
     assert!(McpModel::is_usable(&pitched(1.3), &world()));
     assert!(!McpModel::is_usable(&pitched(1.4), &world()));
-    let ratio = model.covariance(&pitched(1.2), &world())[0] / model.covariance(&pitched(0.0), &world())[0];
+    let ratio = model.see(&Pose::from(&pitched(1.2)), &world()).covariance[0]
+        / model.see(&Pose::from(&pitched(0.0)), &world()).covariance[0];
     assert_relative_eq!(ratio.sqrt(), 1.0 / 1.2_f64.cos(), max_relative = 1e-3);
 }
 
@@ -264,9 +266,9 @@ fn a_component_that_was_not_reported_says_nothing() {
     let model = GnssModel::new([100.0, 200.0, 1e6], [2.0, 3.0, f64::INFINITY], &gnss, &world());
     assert_eq!(model.components(), 2);
     let state = NavState { position_enu: Vector3::new(101.0, 202.0, -40.0), ..NavState::identity() };
-    let residual = model.residual(&state, &world());
-    assert_eq!((residual[2], model.jacobian(&state, &world()).row(2).norm()), (0.0, 0.0));
-    let covariance = model.covariance(&state, &world());
+    let residual = model.see(&Pose::from(&state), &world()).residual;
+    assert_eq!((residual[2], model.see(&Pose::from(&state), &world()).jacobian.row(2).norm()), (0.0, 0.0));
+    let covariance = model.see(&Pose::from(&state), &world()).covariance;
     assert_eq!((covariance[(0, 0)], covariance[(1, 1)], covariance[(2, 2)]), (4.0, 9.0, 1.0));
 }
 
@@ -276,7 +278,7 @@ fn a_fix_far_away_has_its_sigmas_along_its_own_axes() {
     let position = [60_000.0, -80_000.0, -780.0];
     let model = GnssModel::new(position, [1.0, 2.0, 5.0], &gnss, &world());
     let axes = world().frame.local_axes_at(&Vector3::from(position));
-    let local = axes.transpose() * model.covariance(&NavState::identity(), &world()) * axes;
+    let local = axes.transpose() * model.see(&Pose::from(&NavState::identity()), &world()).covariance * axes;
     assert_relative_eq!(local, Matrix3::from_diagonal(&Vector3::new(1.0, 4.0, 25.0)), epsilon = 1e-12);
     assert!((axes - Matrix3::identity()).norm() > 1e-2);
 }
@@ -285,8 +287,9 @@ fn a_fix_far_away_has_its_sigmas_along_its_own_axes() {
 fn the_gyroscope_sample_adds_to_the_dvl_where_it_moves_the_lever_arm() {
     let dvl = Dvl { sigma: 0.01, lever_arm_body: [2.0, 0.0, 0.0], mounting_rpy: [0.0; 3] };
     let imu = shared_types::ImuNoise { gyro_noise_density: 1e-3, ..noise() };
-    let covariance =
-        DvlModel::new([0.0; 3], Vector3::zeros(), &dvl, &imu, 0.005).covariance(&NavState::identity(), &world());
+    let covariance = DvlModel::new([0.0; 3], Vector3::zeros(), &dvl, &imu, 0.005)
+        .see(&Pose::from(&NavState::identity()), &world())
+        .covariance;
     let gyro_variance = 1e-6 / 0.005;
     let expected = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4 + 4.0 * gyro_variance, 1e-4 + 4.0 * gyro_variance));
     assert_relative_eq!(covariance, expected, epsilon = 1e-15);
@@ -295,7 +298,7 @@ fn the_gyroscope_sample_adds_to_the_dvl_where_it_moves_the_lever_arm() {
 #[test]
 fn a_buoy_of_unsure_position_makes_an_unsure_range() {
     let model = LblModel::new(600.0, [0.0; 3], 0.4, &lbl(0.3));
-    assert_relative_eq!(model.covariance(&golden_from(), &world())[0], 0.25, epsilon = 1e-15);
+    assert_relative_eq!(model.see(&Pose::from(&golden_from()), &world()).covariance[0], 0.25, epsilon = 1e-15);
 }
 
 #[test]
