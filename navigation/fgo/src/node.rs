@@ -66,9 +66,7 @@ pub struct Node {
     carried: BlockVector<DIM>,
     /// The step at which its weights were last taken; `None` where measurements have come since.
     weighted_at: Option<BlockVector<DIM>>,
-    /// Half the robust sum of squares of its measurements, when last summed.
-    cost: f64,
-    /// The step at which that was; `None` where what is summed has changed since.
+    /// The step at which the cost of its measurements was last summed; `None` where what is summed has changed since.
     counted_at: Option<BlockVector<DIM>>,
 }
 
@@ -193,7 +191,6 @@ impl Node {
             columns: Columns::default(),
             carried: BlockVector::zeros(),
             weighted_at: None,
-            cost: 0.0,
             counted_at: None,
         }
     }
@@ -228,15 +225,10 @@ impl Node {
         !self.counted_at.is_some_and(|at| self.between.is_empty() && self.rows.most_felt(&(self.delta - at)) < COUNTED)
     }
 
-    /// The cost when last summed.
-    pub fn cost(&self) -> f64 {
-        self.cost
-    }
-
-    /// Sums the cost at the present step.
-    pub fn count(&mut self) {
-        self.cost = wide(|| self.rows.cost(&self.delta)) + self.between.cost(&self.delta);
+    /// The cost at the present step: half the robust sum of squares.
+    pub fn count(&mut self) -> f64 {
         self.counted_at = Some(self.delta);
+        wide(|| self.rows.cost(&self.delta)) + self.between.cost(&self.delta)
     }
 
     /// Evaluates every sensor anew at the linearisation point, weights at the present estimate.

@@ -78,6 +78,9 @@ pub struct Window {
     columns_behind: usize,
     /// First keyframe that moved or was measured since its cost was summed.
     uncounted: usize,
+    /// Half the robust sum of squares of each keyframe's measurements when last summed. Beside the keyframes: a sum over all
+    /// of them would fetch each from far memory.
+    costs: VecDeque<f64>,
 }
 
 impl Window {
@@ -95,6 +98,7 @@ impl Window {
             dirty: 0,
             columns_behind: 0,
             uncounted: 0,
+            costs: VecDeque::with_capacity((config.window + 2).min(WINDOW_RESERVED)),
         }
     }
 
@@ -117,6 +121,7 @@ impl Window {
         while let Some(node) = self.nodes.pop_front() {
             self.spare.push(node);
         }
+        self.costs.clear();
         self.prior = Marginal { information, right: BlockVector::zeros() };
         self.prior_is_marginal = false;
         self.column_prior = ColumnPrior::default();
@@ -135,6 +140,7 @@ impl Window {
             None => Box::new(Node::new(t, state)),
         };
         self.nodes.push_back(node);
+        self.costs.push_back(0.0);
     }
 
     /// Makes measurements between keyframes one factor with their interval, and moves linearisation points as a batch does:
@@ -150,8 +156,9 @@ impl Window {
 
     /// Index of the keyframe at exactly `t`.
     pub fn index_at(&self, t: Time) -> Option<usize> {
-        let index = self.nodes.partition_point(|node| node.t < t);
-        (self.nodes.get(index)?.t == t).then_some(index)
+        // Nearly always one of the newest two.
+        let index = self.nodes.iter().rposition(|node| node.t <= t)?;
+        (self.nodes[index].t == t).then_some(index)
     }
 
     /// Marginalises the oldest keyframe if the window is full.
@@ -160,6 +167,7 @@ impl Window {
             return;
         }
         let Some(oldest) = self.nodes.pop_front() else { return };
+        self.costs.pop_front();
         if let Some(next) = self.nodes.front() {
             self.column_prior = wide(|| oldest.columns.marginal(&oldest.link, next.t - oldest.t));
         }
@@ -572,12 +580,12 @@ impl Window {
     /// Intervals are left out: a step that was not carried on to older states, small as it is, is large in the sigmas of an interval.
     /// Only what changed visibly since the last call is summed anew.
     pub fn measurement_cost(&mut self) -> f64 {
-        for node in self.nodes.range_mut(self.uncounted..) {
+        for (node, cost) in self.nodes.range_mut(self.uncounted..).zip(self.costs.range_mut(self.uncounted..)) {
             if node.is_uncounted() {
-                node.count();
+                *cost = node.count();
             }
         }
         self.uncounted = self.nodes.len();
-        self.nodes.iter().map(|node| node.cost()).sum()
+        self.costs.iter().sum()
     }
 }
