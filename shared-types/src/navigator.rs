@@ -412,7 +412,7 @@ section!(WorldSection {
 });
 section!(PropagatorSection {
     /// Three LBL periods.
-    position_timeout: f64 = 3.0;
+    position_timeout: f64 = 2.5;
     aiding_timeout: f64 = 3.0;
     solution_timeout: f64 = 3.0;
     /// Wider than any use of the position.
