@@ -106,6 +106,13 @@ pub struct BatchOutcome {
     pub cpu_s: f64,
 }
 
+/// An attitude (w, x, y, z) turned about the up axis by so many rad.
+pub fn turned_about_up([w, x, y, z]: [f64; 4], angle: f64) -> [f64; 4] {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+    let turned = turn * UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    [turned.w, turned.i, turned.j, turned.k]
+}
+
 /// The middle of sorted values; NaN of none.
 pub fn median(sorted: &[f64]) -> f64 {
     sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
@@ -224,11 +231,7 @@ impl Trial {
         let mut config = Config::load(&[facts], &self.sets)?;
         if self.initial_heading_error != 0.0 {
             let initial = &mut config.vehicle.initial;
-            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.initial_heading_error);
-            initial.q_enu_body = initial.q_enu_body.map(|[w, x, y, z]| {
-                let turned = turn * UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-                [turned.w, turned.i, turned.j, turned.k]
-            });
+            initial.q_enu_body = initial.q_enu_body.map(|q| turned_about_up(q, self.initial_heading_error));
             initial.sigma_attitude[2] = self.initial_heading_error.abs();
         }
         Ok(config)

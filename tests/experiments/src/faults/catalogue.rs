@@ -7,14 +7,18 @@ use shared_types::RejectReason::{Duplicate, NotFinite, OutOfRange};
 use shared_types::Sensor::{Dvl, Gnss, Imu, Lbl, Mcp, Ps};
 
 use crate::faults::expect::Expect::{
-    self, Accepted, Counted, Declared, Effect, Heading, Peak, Ratio, RatioAfter, Recovered, Refused, Step, Vertical,
+    self, Accepted, Counted, Declared, Effect, Heading, Peak, Ratio, RatioAfter, Recovered, Refused, Settled, Step,
+    StepAfter, Vertical,
 };
+use crate::faults::run::Setting;
 
 /// One class of the catalogue, injected in one way.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
     /// Its number.
     pub number: u8,
+    /// Of the mission.
+    pub setting: Setting,
     /// Specs.
     pub faults: &'static [&'static str],
     /// Beyond the general rule: numbers finite, no panic, no error beyond five sigmas, 99.7 % within three.
@@ -22,7 +26,11 @@ pub struct Case {
 }
 
 const fn case(number: u8, faults: &'static [&'static str], expect: &'static [Expect]) -> Case {
-    Case { number, faults, expect }
+    Case { number, setting: Setting::AsItIs, faults, expect }
+}
+
+const fn set(number: u8, setting: Setting, faults: &'static [&'static str], expect: &'static [Expect]) -> Case {
+    Case { number, setting, faults, expect }
 }
 
 /// Those that a replay can check.
@@ -115,12 +123,26 @@ pub const CASES: &[Case] = &[
     case(22, &["dvl.stamp_jitter=0.005@.."], &[Ratio(1.25), Peak]),
     case(22, &["dvl.stamp_reset@120..150"], &[Recovered(30.0)]),
     case(23, &["imu.stamp_jitter=1e-6@.."], &[Effect(0.05)]),
+    // Begun so wrong that everything contradicts it.
+    set(24, Setting::Position(1000.0), &[], &[Settled(60.0)]),
+    // What was never there joins in mid-mission.
+    case(35, &["dvl.blackout@..150"], &[Accepted(Dvl, 1.5), StepAfter(0.5), Recovered(30.0)]),
+    case(35, &["lbl.silent=2@..150"], &[Accepted(Lbl, 1.5), StepAfter(0.5), Recovered(30.0)]),
     case(
         36,
         &["lbl.blackout@110..230", "dvl.blackout@110..230", "mcp.blackout@110..230", "ps.blackout@110..230"],
         &[Declared(DeadReckoning, 2.0), Accepted(Dvl, 5.0), Accepted(Lbl, 5.0), Recovered(30.0)],
     ),
     case(37, &["dvl.false_lock@110..170", "lbl.bias=50,1@110..170"], &[Peak, Recovered(30.0)]),
+    // Started under way without a state: at the surface, and below it.
+    case(38, &["imu.blackout@..30"], &[Recovered(180.0)]),
+    case(38, &["imu.blackout@..100"], &[Recovered(180.0)]),
+    set(38, Setting::Heading(180.0), &[], &[Settled(180.0)]),
+    set(38, Setting::Heading(180.0), &["mcp.blackout@.."], &[Settled(180.0)]),
+    set(40, Setting::At([0.0, 179.9999]), &[], &[Ratio(1.05)]),
+    set(40, Setting::At([-45.0, 10.0]), &[], &[Ratio(1.05)]),
+    set(40, Setting::At([89.9, -60.0]), &[], &[Ratio(1.05)]),
+    set(40, Setting::Deeper(10_900.0), &[], &[Peak]),
 ];
 
 /// Why a number has no case: what it needs.
@@ -128,9 +150,8 @@ pub fn elsewhere(number: u8) -> Option<&'static str> {
     match number {
         1 | 26..=34 => Some("over the bus: `ilns faults --live`"),
         14 => Some("missing: readings hold no single beams"),
-        24 => Some("missing: property tests of the estimator"),
-        25 | 35 | 38 | 40 => Some("missing: a scenario of its own, not a fault of readings"),
-        39 => Some("missing: an endurance run"),
+        25 => Some("missing: a scenario of its own, not a fault of readings"),
+        39 => Some("an endurance run: `experiments speed --hours 24`"),
         _ => None,
     }
 }

@@ -19,6 +19,11 @@ pub enum Expect {
     Peak,
     /// Back within 1.2 times the RMS of `clean`, this many s after the end of the fault.
     Recovered(f64),
+    /// The same, this many s after the estimation began; until then no error is counted.
+    Settled(f64),
+    /// No step of the estimate by more than so many sigmas (or what `clean` has meanwhile, where that is more) in the 10 s
+    /// after the end of the fault.
+    StepAfter(f64),
     /// No step of the estimate by more than so many sigmas (or what `clean` has meanwhile, where that is more), from the
     /// beginning of the fault to 10 s after its end.
     Step(f64),
@@ -63,6 +68,8 @@ impl Expect {
             Expect::RatioAfter(s, limit) => format!("RMS <= {limit} x clean after {s} s"),
             Expect::Peak => format!("peak <= {PEAK} sigma"),
             Expect::Recovered(limit) => format!("recovered <= {limit} s"),
+            Expect::Settled(limit) => format!("settled <= {limit} s"),
+            Expect::StepAfter(limit) => format!("step after <= {limit} sigma"),
             Expect::Step(limit) => format!("step <= {limit} sigma"),
             Expect::Effect(limit) => format!("effect <= {limit} sigma"),
             Expect::Heading(limit) => format!("heading <= {limit} deg"),
@@ -81,12 +88,13 @@ impl Expect {
             Expect::Ratio(limit)
             | Expect::RatioAfter(_, limit)
             | Expect::Recovered(limit)
+            | Expect::Settled(limit)
             | Expect::Effect(limit)
             | Expect::Heading(limit)
             | Expect::Vertical(limit)
             | Expect::Declared(_, limit)
             | Expect::Accepted(_, limit) => found <= limit,
-            Expect::Step(limit) => found <= self.found(clean, clean, time).max(limit),
+            Expect::Step(limit) | Expect::StepAfter(limit) => found <= self.found(clean, clean, time).max(limit),
             Expect::Peak => found <= clean.worst().0.max(PEAK),
             Expect::Counted(..) => found >= 1.0,
             Expect::Refused(_, share) => found >= share,
@@ -102,8 +110,10 @@ impl Expect {
             Expect::RatioAfter(s, _) => trace.rms_since(time.from + s)[0] / clean.rms_since(time.from + s)[0],
             Expect::Peak => trace.worst().0,
             Expect::Recovered(_) => trace.recovery(clean, time.to).unwrap_or(f64::INFINITY),
-            Expect::Step(_) => {
-                let during = since(time.from).filter(|row| row.t <= time.to + 10.0);
+            Expect::Settled(_) => trace.recovery(clean, clean.began()).unwrap_or(f64::INFINITY),
+            Expect::Step(_) | Expect::StepAfter(_) => {
+                let first = if matches!(self, Expect::Step(_)) { time.from } else { time.to };
+                let during = since(first).filter(|row| row.t <= time.to + 10.0);
                 during.map(|row| row.step).fold(0.0, f64::max)
             }
             Expect::Effect(_) => trace.deviation(clean, f64::MIN, f64::MAX),

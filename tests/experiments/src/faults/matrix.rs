@@ -1,8 +1,8 @@
 //! `faults`: class by seed, with the expectations of the catalogue.
 
 use crate::faults::catalogue::{CASES, Case, elsewhere};
-use crate::faults::expect::FaultTime;
-use crate::faults::run::{FaultRun, Outcome, Trace};
+use crate::faults::expect::{Expect, FaultTime};
+use crate::faults::run::{FaultRun, Outcome, Setting, Trace};
 use crate::parallel::in_parallel;
 use crate::trial::TrialError;
 use sim_faults::FaultSpec;
@@ -39,8 +39,11 @@ impl Case {
     }
 }
 
-/// From the first beginning to the last end.
+/// From the first beginning to the last end; without faults the whole of the mission.
 pub fn time_of(specs: &[FaultSpec]) -> FaultTime {
+    if specs.is_empty() {
+        return FaultTime { from: f64::MIN, to: f64::INFINITY };
+    }
     let seconds = |t: Option<shared_types::Time>, open: f64| t.map_or(open, shared_types::Time::as_seconds);
     FaultTime {
         from: specs.iter().map(|spec| seconds(spec.span().from, 0.0)).fold(f64::INFINITY, f64::min),
@@ -50,8 +53,9 @@ pub fn time_of(specs: &[FaultSpec]) -> FaultTime {
 
 /// Runs of `seeds` without faults, in their order.
 pub fn clean_runs(seeds: u64, sets: &[String]) -> Result<Vec<Trace>, TrialError> {
-    let runs: Vec<FaultRun> =
-        (1..=seeds).map(|seed| FaultRun { faults: Vec::new(), sets: sets.to_vec(), seed }).collect();
+    let runs: Vec<FaultRun> = (1..=seeds)
+        .map(|seed| FaultRun { setting: Setting::AsItIs, faults: Vec::new(), sets: sets.to_vec(), seed })
+        .collect();
     in_parallel(&runs, |run| run.run()?.map_err(TrialError::Panicked))
 }
 
@@ -103,19 +107,25 @@ impl Line {
 
     fn judge(&mut self, case: &Case, trace: &Trace, clean: &Trace, time: FaultTime) -> Vec<(String, f64)> {
         let mut misses = Vec::new();
-        let (worst, _) = trace.worst();
-        let (out, all) = trace.outside();
+        let settled = case.expect.iter().filter_map(|expect| match expect {
+            Expect::Settled(s) => Some(clean.began() + s),
+            _ => None,
+        });
+        let counted = trace.since(settled.fold(f64::MIN, f64::max));
+        let (worst, _) = counted.worst();
+        let (out, all) = counted.outside();
         self.worst = self.worst.max(worst);
         self.outside = (self.outside.0 + out, self.outside.1 + all);
-        self.ratios.push(trace.rms_since(f64::MIN)[0] / clean.rms_since(f64::MIN)[0]);
+        self.ratios.push(counted.rms_since(f64::MIN)[0] / clean.since(counted.began()).rms_since(f64::MIN)[0]);
         if time.to.is_finite() {
             self.recoveries.push(trace.recovery(clean, time.to).unwrap_or(f64::INFINITY));
         }
         if trace.not_finite > 0 {
             misses.push(("finite".to_owned(), trace.not_finite as f64));
         }
-        let share = trace.rows.len() as f64 / clean.rows.len() as f64;
-        if share < PUBLISHED {
+        // A start that the fault puts off is no gap.
+        let share = trace.rows.len() as f64 / clean.since(trace.began()).rows.len() as f64;
+        if share.is_nan() || share < PUBLISHED {
             misses.push((format!("estimates >= {:.0} % of clean", 100.0 * PUBLISHED), share));
         }
         if worst.is_nan() || worst > HAZARD {
@@ -147,7 +157,14 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
     let clean = clean_runs(args.seeds, &args.sets)?;
     let runs: Vec<FaultRun> = cases
         .iter()
-        .flat_map(|case| (1..=args.seeds).map(|seed| FaultRun { faults: case.specs(), sets: args.sets.clone(), seed }))
+        .flat_map(|case| {
+            (1..=args.seeds).map(|seed| FaultRun {
+                setting: case.setting,
+                faults: case.specs(),
+                sets: args.sets.clone(),
+                seed,
+            })
+        })
         .collect();
     let outcomes = in_parallel(&runs, FaultRun::run)?;
     println!(
@@ -184,10 +201,12 @@ fn row(case: &Case, line: &Line, seeds: u64) -> String {
         Some(max) => format!("{} ({})", number(recoveries[recoveries.len() / 2]), number(*max)),
         None => "–".to_owned(),
     };
+    let faults = case.faults.iter().map(|fault| format!("`{fault}`"));
+    let what: Vec<String> = case.setting.name().into_iter().chain(faults).collect();
     format!(
-        "| F{} | `{}` | {seeds} | {} | {} | {} | {:.2}{} | {} ({}) | {recovered} | {} |",
+        "| F{} | {} | {seeds} | {} | {} | {} | {:.2}{} | {} ({}) | {recovered} | {} |",
         case.number,
-        case.faults.join("` `"),
+        what.join(" "),
         line.passed,
         seeds - line.passed,
         number(line.worst),
@@ -229,7 +248,12 @@ mod tests {
 
     fn assert_met(faults: &[&str]) {
         for seed in OTHER_SEEDS {
-            let run = |faults| FaultRun { faults, sets: Vec::new(), seed }.run().expect("it runs").expect("no panic");
+            let run = |faults| {
+                FaultRun { setting: Setting::AsItIs, faults, sets: Vec::new(), seed }
+                    .run()
+                    .expect("it runs")
+                    .expect("no panic")
+            };
             let clean = run(Vec::new());
             for fault in faults {
                 let case = CASES.iter().find(|case| case.faults == [*fault]).expect("a case of the catalogue");
@@ -258,6 +282,7 @@ mod tests {
     #[test]
     fn the_outcome_does_not_depend_on_company_or_order() {
         let run = FaultRun {
+            setting: Setting::AsItIs,
             faults: vec!["lbl.multipath=0.3".parse().expect("a fault")],
             sets: vec!["fgo.window=5".to_owned()],
             seed: 1,

@@ -6,7 +6,7 @@ use shared_types::AIDING;
 use sim_faults::FaultSpec;
 
 use crate::faults::matrix::{clean_runs, number};
-use crate::faults::run::{FaultRun, Offsets, Trace};
+use crate::faults::run::{FaultRun, Offsets, Setting, Trace};
 use crate::parallel::in_parallel;
 use crate::trial::TrialError;
 
@@ -118,7 +118,12 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
                 .parse()
                 .expect("the shapes of the house parse; a test reads them all");
             let runs: Vec<FaultRun> = (1..=args.seeds)
-                .map(|seed| FaultRun { faults: vec![fault.clone()], sets: args.sets.clone(), seed })
+                .map(|seed| FaultRun {
+                    setting: Setting::AsItIs,
+                    faults: vec![fault.clone()],
+                    sets: args.sets.clone(),
+                    seed,
+                })
                 .collect();
             let traces: Vec<Trace> = in_parallel(&runs, |run| run.run()?.map_err(TrialError::Panicked))?;
             println!("{}", line(sensor, shape.name, &traces, &clean, Some(shape)));

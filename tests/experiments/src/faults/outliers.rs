@@ -4,7 +4,7 @@ use shared_types::{REJECT_REASONS, SENSORS, Sensor};
 use sim_faults::FaultSpec;
 
 use crate::faults::matrix::{clean_runs, number, time_of};
-use crate::faults::run::{FaultRun, Trace};
+use crate::faults::run::{FaultRun, Setting, Trace};
 use crate::parallel::in_parallel;
 use crate::trial::TrialError;
 
@@ -106,7 +106,12 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
             .iter()
             .flat_map(|row| {
                 let (faults, sets) = (specs(row), sets.clone());
-                (1..=args.seeds).map(move |seed| FaultRun { faults: faults.clone(), sets: sets.clone(), seed })
+                (1..=args.seeds).map(move |seed| FaultRun {
+                    setting: Setting::AsItIs,
+                    faults: faults.clone(),
+                    sets: sets.clone(),
+                    seed,
+                })
             })
             .collect();
         let outcomes = in_parallel(&runs, FaultRun::run)?;

@@ -13,14 +13,31 @@ use shared_types::{
 use sim_faults::{FaultSpec, Tally};
 use sim_world::{Preset, Scenario, World};
 
-use crate::trial::TrialError;
+use crate::trial::{TrialError, turned_about_up};
 
 /// Rows per second.
 const RATE: f64 = 10.0;
 
+/// What is different about the mission before anything goes wrong in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Setting {
+    /// Nothing.
+    AsItIs,
+    /// It lies at this latitude and longitude, deg.
+    At([f64; 2]),
+    /// All of it, buoys included, so many m further down; no satellite is ever seen.
+    Deeper(f64),
+    /// The heading that the estimation starts from is wrong by so many deg, and its sigma is as large.
+    Heading(f64),
+    /// The position that the estimation starts from is so many m too far east, and its sigma knows nothing of that.
+    Position(f64),
+}
+
 /// What to run.
 #[derive(Clone, Debug)]
 pub struct FaultRun {
+    /// Before the faults.
+    pub setting: Setting,
     /// In the order in which they act.
     pub faults: Vec<FaultSpec>,
     /// `section.key=value`.
@@ -84,16 +101,54 @@ pub fn scenario() -> Result<Scenario, TrialError> {
     Ok(Scenario::parse(include_str!("../../scenarios/faults.toml"), Path::new("scenarios/faults.toml"))?)
 }
 
+impl Setting {
+    /// As in the table; `None`: nothing to say.
+    pub fn name(self) -> Option<String> {
+        match self {
+            Setting::AsItIs => None,
+            Setting::At([latitude, longitude]) => Some(format!("at {latitude}, {longitude} deg")),
+            Setting::Deeper(depth) => Some(format!("{depth} m deeper")),
+            Setting::Heading(error) => Some(format!("start with a heading wrong by {error} deg")),
+            Setting::Position(error) => Some(format!("start {error} m off")),
+        }
+    }
+
+    fn place(self, scenario: &mut Scenario) {
+        match self {
+            Setting::At(place) => scenario.origin_deg[..2].copy_from_slice(&place),
+            Setting::Deeper(depth) => scenario.origin_deg[2] -= depth,
+            Setting::AsItIs | Setting::Heading(_) | Setting::Position(_) => {}
+        }
+    }
+
+    fn tell(self, config: &mut Config) {
+        let initial = &mut config.vehicle.initial;
+        match self {
+            Setting::Heading(error) => {
+                let error = error.to_radians();
+                initial.q_enu_body = initial.q_enu_body.map(|q| turned_about_up(q, error));
+                initial.sigma_attitude[2] = error.abs();
+            }
+            Setting::Position(error) => {
+                initial.position_enu = initial.position_enu.map(|[east, north, up]| [east + error, north, up]);
+            }
+            Setting::AsItIs | Setting::At(_) | Setting::Deeper(_) => {}
+        }
+    }
+}
+
 impl FaultRun {
     /// Runs it; a panic of the navigator is an outcome like another.
     ///
     /// # Errors
     /// [`TrialError`]: the scenario or a setting is wrong.
     pub fn run(&self) -> Result<Outcome, TrialError> {
-        let scenario = scenario()?;
+        let mut scenario = scenario()?;
+        self.setting.place(&mut scenario);
         let world = World::new(&scenario, Preset::Realistic, self.seed)?;
         let facts = ConfigText::new("sensors.toml", world.sensors_toml());
-        let config = Config::load(&[facts], &self.sets)?;
+        let mut config = Config::load(&[facts], &self.sets)?;
+        self.setting.tell(&mut config);
         let outcome = catch_unwind(AssertUnwindSafe(|| self.navigate(&scenario, &world, &config)));
         Ok(outcome.map_err(|panic| {
             let text = panic.downcast_ref::<String>().cloned();
@@ -214,6 +269,18 @@ impl Trace {
         let mean =
             |of: &dyn Fn(&Row) -> f64| (rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64).sqrt();
         [mean(&|row| row.error_enu[0].powi(2) + row.error_enu[1].powi(2)), mean(&|row| row.error_enu[2].powi(2))]
+    }
+
+    /// Its first row, s.
+    pub fn began(&self) -> f64 {
+        self.rows.first().map_or(f64::INFINITY, |row| row.t)
+    }
+
+    /// The same without the rows before `from` s.
+    #[must_use]
+    pub fn since(&self, from: f64) -> Trace {
+        let rows = self.rows.iter().filter(|row| row.t >= from).copied().collect();
+        Trace { rows, ..self.clone() }
     }
 
     /// The largest error in sigmas of its axis, and when.
