@@ -38,6 +38,8 @@ use crate::window::{SolveReport, Window};
 const HISTORY_BEFORE_START: Duration = Duration(20_000_000_000);
 /// Readings that may wait for one keyframe: some hundred a second over the longest interval.
 const PENDING_MAX: usize = 4096;
+/// A window of so many intervals never forgets, for [`FgoEstimator::smooth`] at the end.
+pub const KEEPING_ALL: usize = u32::MAX as usize;
 /// Room for an interval's samples: 5 s at 200 Hz.
 const INTERVAL_SAMPLES: usize = 1024;
 
@@ -47,6 +49,8 @@ pub struct FgoEstimator {
     config: Config,
     imu: ImuModel,
     window: Option<Window>,
+    /// What came before the window began anew, where nothing is to be forgotten: a batch of several pieces.
+    earlier: Vec<Window>,
     initialiser: Initialiser,
     history: ImuHistory,
     open: OpenInterval,
@@ -74,6 +78,7 @@ impl FgoEstimator {
         FgoEstimator {
             imu: ImuModel { noise: config.vehicle.imu.clone(), gate: config.navigator.imu },
             window: None,
+            earlier: Vec::new(),
             initialiser: Initialiser::new(&config),
             history: ImuHistory::with_capacity(8 * INTERVAL_SAMPLES),
             open: OpenInterval::with_capacity(INTERVAL_SAMPLES),
@@ -147,10 +152,11 @@ impl FgoEstimator {
     }
 
     /// Solves everything in the window as one batch, in at most `max_passes` linearisations, and leaves the window at the
-    /// solution. With a window that never forgets this is the trajectory given the whole log. `None` before the first
-    /// keyframe, or where the information does not determine the states.
+    /// solution. With a window that never forgets this is the trajectory given the whole log, in as many pieces as there were
+    /// beginnings. `None` before the first keyframe, or where the information does not determine the states.
     pub fn smooth(&mut self, max_passes: u32) -> Option<Smoothed> {
-        Smoothed::of(self.window.as_mut()?, &self.history, &self.imu, max_passes)
+        let pieces = self.earlier.iter_mut().chain(self.window.as_mut());
+        Smoothed::of(pieces, &self.history, &self.imu, max_passes)
     }
 
     /// With `fgo.fixed_lag` the keyframe that leaves the window with the next: where the vehicle was a window ago, given all that
@@ -272,6 +278,9 @@ impl FgoEstimator {
                     _ => predicted,
                 };
                 let (first, covariance) = self.realignment.begin(&place, loosening, height_sigma, &tilt_from, noise);
+                if self.config.navigator.fgo.window == KEEPING_ALL {
+                    self.earlier.push(window.take());
+                }
                 window.start(t, &first, &covariance).map_err(|_| singular)?;
                 covariance
             }
@@ -344,7 +353,8 @@ impl FgoEstimator {
             self.newest_covariance += by_offset * by_offset.transpose() * variance;
         }
         self.report.cost[1] = window.measurement_cost();
-        if let Some(oldest) = window.nodes().front().map(|node| node.t) {
+        let oldest = self.earlier.first().unwrap_or(&*window).nodes().front();
+        if let Some(oldest) = oldest.map(|node| node.t) {
             self.history.forget_before(oldest);
         }
         self.open.stop();

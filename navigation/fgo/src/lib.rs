@@ -34,7 +34,7 @@ mod time_offsets;
 mod window;
 
 pub use batch::BatchReport;
-pub use estimator::FgoEstimator;
+pub use estimator::{FgoEstimator, KEEPING_ALL};
 pub use nav_models::kernels;
 pub use smoother::{Smoothed, SmoothedKeyframe};
 

@@ -40,31 +40,51 @@ pub struct SmoothedKeyframe {
 pub struct Smoothed {
     /// Oldest first.
     pub keyframes: Vec<SmoothedKeyframe>,
-    /// How it was found.
+    /// How it was found: the sum over the pieces.
     pub report: BatchReport,
+    /// How many keyframes there are up to the end of each piece: nothing is known of how one goes over into the next.
+    pub ends: Vec<usize>,
     /// Data times of the measurements used, by [`AIDING`] sensor, in order.
     used: [Vec<Time>; AIDING.len()],
 }
 
 impl Smoothed {
-    /// Solves the window as one batch. `None` where the information does not determine the states.
-    pub(crate) fn of(window: &mut Window, history: &ImuHistory, imu: &ImuModel, max_passes: u32) -> Option<Smoothed> {
-        let report = window.solve_batch(max_passes, history, imu);
+    /// Solves each window, in order of time, as one batch. `None` where there is no keyframe, or the information does not
+    /// determine the states.
+    pub(crate) fn of<'a>(
+        windows: impl Iterator<Item = &'a mut Window>,
+        history: &ImuHistory,
+        imu: &ImuModel,
+        max_passes: u32,
+    ) -> Option<Smoothed> {
+        let report = BatchReport { converged: true, ..BatchReport::default() };
+        let mut smoothed = Smoothed { keyframes: Vec::new(), report, ends: Vec::new(), used: Default::default() };
+        for window in windows.filter(|window| !window.nodes().is_empty()) {
+            smoothed.add(window, history, imu, max_passes)?;
+        }
+        smoothed.used.iter_mut().for_each(|times| times.sort_unstable());
+        (!smoothed.keyframes.is_empty()).then_some(smoothed)
+    }
+
+    fn add(&mut self, window: &mut Window, history: &ImuHistory, imu: &ImuModel, max_passes: u32) -> Option<()> {
+        let BatchReport { passes, converged, cost } = window.solve_batch(max_passes, history, imu);
+        self.report.passes += passes;
+        self.report.converged &= converged;
+        (0..2).for_each(|side| self.report.cost[side] += cost[side]);
         let covariances = window.covariances()?;
-        let mut used: [Vec<Time>; AIDING.len()] = Default::default();
         for factor in window.nodes().iter().flat_map(|node| node.factors.iter().chain(node.between.factors())) {
             if let Some(at) = AIDING.iter().position(|&aiding| aiding == factor.sensor()) {
-                used[at].push(factor.t);
+                self.used[at].push(factor.t);
             }
         }
-        used.iter_mut().for_each(|times| times.sort_unstable());
-        let keyframes = window
-            .nodes()
-            .iter()
-            .zip(covariances)
-            .map(|(node, covariance)| SmoothedKeyframe { t: node.t, state: node.state, covariance })
-            .collect();
-        Some(Smoothed { keyframes, report, used })
+        let nodes = window.nodes().iter().zip(covariances);
+        self.keyframes.extend(nodes.map(|(node, covariance)| SmoothedKeyframe {
+            t: node.t,
+            state: node.state,
+            covariance,
+        }));
+        self.ends.push(self.keyframes.len());
+        Some(())
     }
 
     /// Shows the estimate at every IMU sample from the first keyframe on.
@@ -81,9 +101,10 @@ impl Smoothed {
         for (index, keyframe) in self.keyframes.iter().enumerate() {
             let Some(point) = history.at(keyframe.t) else { continue };
             let next = self.keyframes.get(index + 1);
+            let t_end = next.map_or(Time::MAX, |next| next.t);
+            let next = next.filter(|_| !self.ends.contains(&(index + 1)));
             let start = TimedPoint { t: keyframe.t, point };
             let mut stretch = Stretch::new(keyframe, next, start, history, imu, world);
-            let t_end = next.map_or(Time::MAX, |next| next.t);
             // A sample at a keyframe belongs to it; `between` leaves both ends out.
             if history.is_sample(keyframe.t) {
                 let place = stretch.at(keyframe.t, world);

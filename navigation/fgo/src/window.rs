@@ -131,6 +131,13 @@ impl Window {
         Ok(())
     }
 
+    /// All of it, with an empty one left in its place.
+    #[must_use]
+    pub fn take(&mut self) -> Window {
+        let empty = Window { is_joint: self.is_joint, ..Window::new(self.config, self.world) };
+        core::mem::replace(self, empty)
+    }
+
     fn push_node(&mut self, t: Time, state: &NavState) {
         let node = match self.spare.pop() {
             Some(mut node) => {

@@ -1,6 +1,6 @@
 //! Preprocessor, estimator and propagator in line.
 
-use nav_fgo::Smoothed;
+use nav_fgo::{KEEPING_ALL, Smoothed};
 use nav_models::estimator::{Effort, Estimator};
 use nav_models::propagator::Propagator;
 use nav_preprocessing::{ImuGate, ImuVerdict, Preprocessor};
@@ -86,7 +86,7 @@ impl Navigator {
         // Readings find their keyframes as late as the longest window lets them.
         config.navigator.fgo.window = LONGEST_WINDOW;
         let mut navigator = Navigator::new(&config, Rebase::After(Duration::ZERO));
-        config.navigator.fgo.window = u32::MAX as usize;
+        config.navigator.fgo.window = KEEPING_ALL;
         navigator.back.estimator = ChosenEstimator::new(&config);
         navigator
     }

@@ -94,6 +94,26 @@ fn a_gap_is_bridged_from_both_sides() {
 }
 
 #[test]
+fn before_and_after_a_gap_of_the_imu_there_is_a_piece_each() {
+    let (from, to) = (Time::from_seconds(150.0), Time::from_seconds(160.0));
+    let is_lost =
+        |reading: &RawReading| matches!(reading, RawReading::Imu(_)) && (from..to).contains(&reading.t_valid());
+    let run = Run { preset: Preset::Realistic, seed: 6, ..MISSION };
+    let batch = smooth(&run, |reading| (!is_lost(&reading)).then_some(reading));
+    let Smoothed { keyframes, ends, report, .. } = &batch.smoothed;
+    assert!(report.converged, "{report:?}");
+    assert_eq!(ends.len(), 2, "{ends:?}");
+    assert_eq!(ends[1], keyframes.len());
+    assert!(keyframes[ends[0] - 1].t < from && keyframes[ends[0]].t >= to);
+    // At every sample of both pieces.
+    let expected = (300.0 - keyframes[0].t.as_seconds() - 10.0) * 200.0;
+    assert!((batch.estimates as f64 - expected).abs() <= 4.0, "{} of {expected}", batch.estimates);
+    assert!(batch.score.max_horizontal < 1.0, "{:?}", batch.score);
+    let share = batch.score.three_sigma_share_enu.expect("sigmas are published");
+    assert!(share.iter().all(|share| *share > 0.97), "{share:?} within 3 sigma");
+}
+
+#[test]
 fn a_wrong_start_is_forgotten() {
     // Some 25 m off, with sigmas that admit it, and no compass.
     let sets = ["initial.position=[20, -15, -50]", "initial.sigma_position=30", "mcp.enabled=false"];

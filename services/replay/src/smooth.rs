@@ -98,6 +98,10 @@ fn smooth(
     facts.keyframes = smoothed.keyframes.len() as u64;
     facts.iterations = u64::from(smoothed.report.passes);
     facts.solve_ns = solve_ns;
+    for &end in smoothed.ends.iter().filter(|end| **end < smoothed.keyframes.len()) {
+        let (last, next) = (smoothed.keyframes[end - 1].t, smoothed.keyframes[end].t);
+        eprintln!("note: the state began anew at {next}: up to {last} and from there on the log is solved apart");
+    }
     if !smoothed.report.converged {
         eprintln!("warning: the batch had not converged after {} linearisations", smoothed.report.passes);
     }
