@@ -3,16 +3,13 @@
 
 use std::time::Duration;
 
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use shared_types::ImuSample;
 
 use crate::bus::Bus;
 use crate::error::BusError;
+use crate::layer::{Listens, Receives, Rings, Sends};
 use crate::settings::service_name;
 
 const SERVICE: &str = "reference/hop";
@@ -80,35 +77,35 @@ impl BareServices {
 /// The sending end.
 #[derive(Debug)]
 pub struct BareSender {
-    port: Publisher<ipc::Service, BareMessage, ()>,
-    notifier: Notifier<ipc::Service>,
+    port: Box<dyn Sends<BareMessage>>,
+    notifier: Box<dyn Rings>,
 }
 
 /// The receiving end.
 #[derive(Debug)]
 pub struct BareReceiver {
-    port: Subscriber<ipc::Service, BareMessage, ()>,
-    listener: Listener<ipc::Service>,
+    port: Box<dyn Receives<BareMessage>>,
+    listener: Box<dyn Listens>,
 }
 
 impl BareSender {
     /// Sends and notifies; false when the layer refuses.
     pub fn send(&self, message: BareMessage) -> bool {
-        self.port.send_copy(message).is_ok() && self.notifier.notify().is_ok()
+        self.port.send(message).is_ok() && self.notifier.ring().is_ok()
     }
 }
 
 impl BareReceiver {
     /// Sleeps until notified, for `limit` at most.
     pub fn wait_for(&self, limit: Duration) {
-        if self.listener.timed_wait(|_| {}, limit).is_err() {
+        if self.listener.listen(limit).is_err() {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
 
     /// The oldest waiting message.
     pub fn receive(&self) -> Option<BareMessage> {
-        self.port.receive().ok().flatten().map(|sample| *sample)
+        self.port.take().ok().flatten()
     }
 }
 
@@ -137,7 +134,7 @@ impl Bus {
         let fault = |reason: &dyn core::fmt::Debug| BusError::layer("send on channel", SERVICE, reason);
         let port = self.bare_hop()?.publisher_builder().create().map_err(|e| fault(&e))?;
         let notifier = self.bare_bell()?.notifier_builder().create().map_err(|e| fault(&e))?;
-        Ok(BareSender { port, notifier })
+        Ok(BareSender { port: Box::new(port), notifier: Box::new(notifier) })
     }
 
     /// The receiving end of the bare hop.
@@ -148,7 +145,7 @@ impl Bus {
         let fault = |reason: &dyn core::fmt::Debug| BusError::layer("listen on channel", SERVICE, reason);
         let port = self.bare_hop()?.subscriber_builder().create().map_err(|e| fault(&e))?;
         let listener = self.bare_bell()?.listener_builder().create().map_err(|e| fault(&e))?;
-        Ok(BareReceiver { port, listener })
+        Ok(BareReceiver { port: Box::new(port), listener: Box::new(listener) })
     }
 }
 

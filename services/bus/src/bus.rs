@@ -1,5 +1,6 @@
 //! A process's place on the bus: its node and its ports.
 
+use core::any::TypeId;
 use std::fs;
 use std::time::{Duration, Instant};
 
@@ -12,6 +13,8 @@ use shared_types::{Channel, Message, Process};
 
 use crate::bells::{self, Reader};
 use crate::error::BusError;
+use crate::layer::Holds;
+use crate::ports::{self, End};
 use crate::prefix::Prefix;
 use crate::publisher::{Bell, Publisher};
 use crate::settings::{expected_layout, open_node, service_name};
@@ -24,7 +27,7 @@ const OWNER_PATIENCE: Duration = Duration::from_secs(2);
 /// One process's place on the bus. Its ports belong to the thread that made them.
 #[derive(Debug)]
 pub struct Bus {
-    node: Node<ipc::Service>,
+    node: Box<dyn Holds>,
     prefix: Prefix,
     process: Process,
     epoch: u32,
@@ -49,7 +52,7 @@ impl Bus {
 
     /// Opens the node, whoever owns the prefix.
     pub(crate) fn enter(prefix: &Prefix, process: Process, epoch: u32) -> Result<Bus, BusError> {
-        Ok(Bus { node: open_node(prefix)?, prefix: prefix.clone(), process, epoch })
+        Ok(Bus { node: Box::new(open_node(prefix)?), prefix: prefix.clone(), process, epoch })
     }
 
     /// Under which prefix.
@@ -58,7 +61,7 @@ impl Bus {
     }
 
     pub(crate) fn node(&self) -> &Node<ipc::Service> {
-        &self.node
+        self.node.node()
     }
 
     fn open<T: Message>(
@@ -66,7 +69,7 @@ impl Bus {
         channel: &Channel<T>,
     ) -> Result<publish_subscribe::PortFactory<ipc::Service, T, ()>, BusError> {
         let name = channel.spec.name;
-        self.node
+        self.node()
             .service_builder(&service_name(name)?)
             .publish_subscribe::<T>()
             .open_with_attributes(&expected_layout(channel)?)
@@ -83,7 +86,7 @@ impl Bus {
 
     fn open_bell(&self, reader: Reader) -> Result<event::PortFactory<ipc::Service>, BusError> {
         let name = reader.bell();
-        self.node
+        self.node()
             .service_builder(&service_name(&name)?)
             .event()
             .open()
@@ -96,6 +99,11 @@ impl Bus {
     /// [`BusError::OtherBuild`] when the channel was created with another layout, [`BusError::Crowded`] when it has all its
     /// senders.
     pub fn publisher<T: Message>(&self, channel: &Channel<T>) -> Result<Publisher<T>, BusError> {
+        let port = ports::open(self, channel.spec, TypeId::of::<T>(), End::Sending)?;
+        Ok(*port.downcast().expect("opened for this type"))
+    }
+
+    pub(crate) fn open_publisher<T: Message>(&self, channel: &Channel<T>) -> Result<Publisher<T>, BusError> {
         let spec = &channel.spec;
         let bells = bells::rings(spec.name)
             .iter()
@@ -131,8 +139,17 @@ impl Bus {
         channel: &Channel<T>,
         history: usize,
     ) -> Result<Subscriber<T>, BusError> {
+        let end = End::Receiving { history: history.min(channel.spec.history) };
+        let port = ports::open(self, channel.spec, TypeId::of::<T>(), end)?;
+        Ok(*port.downcast().expect("opened for this type"))
+    }
+
+    pub(crate) fn open_subscriber<T: Message>(
+        &self,
+        channel: &Channel<T>,
+        history: usize,
+    ) -> Result<Subscriber<T>, BusError> {
         let spec = &channel.spec;
-        let history = history.min(spec.history);
         let port = self.open(channel)?.subscriber_builder().history_request(history).create();
         let port = port.map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {

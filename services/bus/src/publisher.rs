@@ -8,12 +8,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use iceoryx2::port::BackpressureAction;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::{Publisher as Port, PublisherCreateError};
-use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use rustix::time::{ClockId, clock_gettime};
 use shared_types::Message;
+
+use crate::layer::{Rings, Sends};
 
 /// What became of one message.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,14 +30,14 @@ pub struct Published {
 /// A reader's bell, rung at every so many messages.
 #[derive(Debug)]
 pub(crate) struct Bell {
-    notifier: Notifier<ipc::Service>,
+    notifier: Box<dyn Rings>,
     every: u32,
     unannounced: u32,
 }
 
 impl Bell {
     pub(crate) fn new(notifier: Notifier<ipc::Service>, every: u32) -> Bell {
-        Bell { notifier, every, unannounced: 0 }
+        Bell { notifier: Box::new(notifier), every, unannounced: 0 }
     }
 
     fn ring(&mut self) {
@@ -44,7 +45,7 @@ impl Bell {
             return;
         }
         self.unannounced = 0;
-        if let Err(error) = self.notifier.notify() {
+        if let Err(error) = self.notifier.ring() {
             // The reader looks after its queue every 50 ms anyway.
             tracing::debug!(?error, "a reader was not rung");
         }
@@ -54,7 +55,7 @@ impl Bell {
 /// The sending port of a channel.
 #[derive(Debug)]
 pub struct Publisher<T: Message> {
-    port: Port<ipc::Service, T, ()>,
+    port: Box<dyn Sends<T>>,
     bells: Vec<Bell>,
     source: u16,
     epoch: u32,
@@ -80,7 +81,7 @@ impl<T: Message> Publisher<T> {
                 BackpressureAction::DiscardData
             })
             .create()?;
-        Ok(Publisher { port, bells, source, epoch, sequence: 0, refusals })
+        Ok(Publisher { port: Box::new(port), bells, source, epoch, sequence: 0, refusals })
     }
 
     /// Stamps sequence, epoch, source, schema and time of publication, sends, and rings those who wait for the channel.
@@ -107,7 +108,7 @@ impl<T: Message> Publisher<T> {
             bell.unannounced += 1;
         }
         let before = self.dropped();
-        let delivered = self.port.send_copy(message).unwrap_or_else(|error| {
+        let delivered = self.port.send(message).unwrap_or_else(|error| {
             tracing::error!(channel = T::TYPE_NAME, sequence, ?error, "a message was not sent");
             self.refusals.fetch_add(1, Ordering::Relaxed);
             0
@@ -123,7 +124,7 @@ impl<T: Message> Publisher<T> {
     /// Lets readers who came since the last message have the channel's history. A sender on a latched channel calls this a
     /// few times a second, with its heartbeat.
     pub fn update(&self) {
-        if let Err(error) = self.port.update_connections() {
+        if let Err(error) = self.port.update() {
             tracing::warn!(channel = T::TYPE_NAME, ?error, "a new reader could not be connected");
         }
     }

@@ -4,6 +4,8 @@ use iceoryx2::port::subscriber::Subscriber as Port;
 use iceoryx2::prelude::ipc;
 use shared_types::{Header, Message};
 
+use crate::layer::Receives;
+
 /// What a reader has missed since its start, told from the sequence numbers: the layer itself tells nobody.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Losses {
@@ -55,7 +57,7 @@ impl Account {
 /// The receiving port of a channel.
 #[derive(Debug)]
 pub struct Subscriber<T: Message> {
-    port: Port<ipc::Service, T, ()>,
+    port: Box<dyn Receives<T>>,
     channel: &'static str,
     account: Account,
     received: u64,
@@ -64,15 +66,15 @@ pub struct Subscriber<T: Message> {
 
 impl<T: Message> Subscriber<T> {
     pub(crate) fn new(port: Port<ipc::Service, T, ()>, channel: &'static str) -> Subscriber<T> {
-        Subscriber { port, channel, account: Account::default(), received: 0, broken: false }
+        Subscriber { port: Box::new(port), channel, account: Account::default(), received: 0, broken: false }
     }
 
     /// The oldest waiting message, copied out; `None` when the queue is empty.
     pub fn receive(&mut self) -> Option<T> {
-        match self.port.receive() {
-            Ok(sample) => {
+        match self.port.take() {
+            Ok(message) => {
                 self.broken = false;
-                let message = *sample?;
+                let message = message?;
                 self.received += 1;
                 self.account.enter(message.header());
                 Some(message)

@@ -5,6 +5,8 @@ use std::time::Duration;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::ipc;
 
+use crate::layer::Listens;
+
 /// Longest sleep. A ring can be lost or merged with another, and a wish to stop rings nobody: whoever wakes drains all his
 /// channels, rung or not.
 pub const WAIT: Duration = Duration::from_millis(50);
@@ -13,12 +15,12 @@ pub const WAIT: Duration = Duration::from_millis(50);
 #[derive(Debug)]
 pub struct Waiter {
     /// None: nobody rings, and the reader looks without end.
-    listener: Option<Listener<ipc::Service>>,
+    listener: Option<Box<dyn Listens>>,
 }
 
 impl Waiter {
     pub(crate) fn new(listener: Listener<ipc::Service>) -> Waiter {
-        Waiter { listener: Some(listener) }
+        Waiter { listener: Some(Box::new(listener)) }
     }
 
     /// Never sleeps. Senders need not ring such a reader, which saves them 7 to 9 µs too.
@@ -37,7 +39,7 @@ impl Waiter {
             std::hint::spin_loop();
             return true;
         };
-        match listener.timed_wait(|_| {}, limit) {
+        match listener.listen(limit) {
             Ok(rings) => rings > 0,
             Err(error) => {
                 // A signal ends the wait early, which is what the caller wants; anything else must not spin.
