@@ -7,7 +7,6 @@
 pub mod gravity;
 pub mod local_frame;
 pub mod so3;
-#[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod utm;
 pub mod wgs84;
