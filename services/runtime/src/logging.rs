@@ -10,7 +10,11 @@ use std::sync::OnceLock;
 
 use rustix::fs::fstat;
 use tracing::level_filters::LevelFilter;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::fmt::layer;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 use crate::error::RuntimeError;
 use crate::log_queue::LogQueue;
@@ -54,11 +58,9 @@ pub fn start_logging(filter: &str, format: LogFormat) -> Result<(), RuntimeError
     let json = format == LogFormat::Json || (format == LogFormat::Auto && journal);
     let tell = |lines| tracing::error!(lines, "log lines are lost: standard error did not take them in time");
     let queue = LogQueue::start(std::io::stderr(), journal, tell).map_err(RuntimeError::LogThread)?;
-    let lines = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(queue.clone());
-    let started = if json { lines.json().flatten_event(true).try_init() } else { lines.try_init() };
+    let lines = layer().with_ansi(std::io::stderr().is_terminal()).with_writer(queue.clone());
+    let lines = if json { lines.json().flatten_event(true).boxed() } else { lines.boxed() };
+    let started = tracing_subscriber::registry().with(lines).with(filter).try_init();
     // An error says that this process logs already, which is what was wanted.
     if started.is_ok() && QUEUE.set(queue).is_ok() {
         flush_before_panics();
@@ -82,11 +84,13 @@ fn flush_before_panics() {
     }));
 }
 
-fn parse_filter(text: &str) -> Result<EnvFilter, RuntimeError> {
-    // To `EnvFilter` a word that is no level is a target, and a misspelt level would silence everything else.
+/// `EnvFilter` would do the same, and compile an engine for regular expressions to do it.
+fn parse_filter(text: &str) -> Result<Targets, RuntimeError> {
+    // To `Targets` a word that is no level is a target, and a misspelt level would silence everything else.
     let is_level = |word: &str| !word.is_empty() && word.parse::<LevelFilter>().is_ok();
-    let is_sound = |directive: &str| directive.contains(['=', '[', ']']) || is_level(directive.trim());
-    let filter = text.split(',').all(is_sound).then(|| EnvFilter::try_new(text).ok()).flatten();
+    let directives: Vec<&str> = text.split(',').map(str::trim).collect();
+    let is_sound = directives.iter().all(|directive| directive.contains('=') || is_level(directive));
+    let filter = is_sound.then(|| directives.join(",").parse().ok()).flatten();
     filter.ok_or_else(|| RuntimeError::LogLevel { text: text.to_owned() })
 }
 
