@@ -17,7 +17,7 @@ use shared_types::Process;
 use super::class::{Class, Damage, Deed, Expect};
 use super::consumer::{Consumer, News, Word};
 use super::figures::Observer;
-use super::live_set::{LiveSet, signal};
+use super::live_set::{LiveSet, forbid_writing, permit_writing, signal};
 use super::mission;
 use super::report::{Found, Matrix};
 use crate::latency::load;
@@ -107,6 +107,8 @@ impl Bench {
     pub(super) fn carry_out(&mut self, class: &Class) -> Result<Found, BenchError> {
         let log_before = self.set.log().len();
         self.news.invalid = None;
+        let dropped = |bench: &Bench| bench.news.beats.get(&class.victim).map_or(0, |word| word.dropped);
+        let dropped_before = dropped(self);
         let first = monotonic_now();
         let since = self.act(class)?;
         let back = self.back(class, since);
@@ -120,9 +122,10 @@ impl Bench {
         let pause = self.draws.random_range(20..300) * MILLISECOND + if dies { AFTERMATH } else { 0 };
         self.until(pause, |_| false);
         let said = class.expectations().into_iter().all(|expect| match expect {
-            Expect::Says(line) => self.set.log().get(log_before..).is_some_and(|log| log.contains(line)),
+            Expect::Says(line) => self.has_said(log_before, line),
             _ => true,
         });
+        let counted = dropped(self).saturating_sub(dropped_before);
         let collapsed = is_well.is_err() || self.news.given_up || self.set.has_ended();
         if self.shutdown.requested() {
             return Err(BenchError::Stopped);
@@ -133,10 +136,11 @@ impl Bench {
             declared: self
                 .news
                 .invalid
-                .filter(|_| class.victim == Process::EmulatorImu)
+                .filter(|&published| class.victim == Process::EmulatorImu && published >= first)
                 .map(|published| seconds(published - first)),
             back: back.map(|published| seconds((published - since).max(0))),
             said,
+            counted,
             collapsed,
         })
     }
@@ -203,15 +207,21 @@ impl Bench {
                 self.send(class.victim, Signal::STOP)?;
                 Ok(monotonic_now())
             }
-            Deed::Slow => {
-                for _ in 0..20 {
-                    self.send(class.victim, Signal::STOP)?;
-                    self.closely(90 * MILLISECOND, |_| false);
-                    self.send(class.victim, Signal::CONT)?;
-                    self.closely(10 * MILLISECOND, |_| false);
-                }
-                Ok(monotonic_now())
+            Deed::Slow => self.slow_down(class.victim, 20, 90 * MILLISECOND, 10 * MILLISECOND),
+            Deed::StarveAndSlow => {
+                let load = load::saturate();
+                let since = self.slow_down(class.victim, 100, 90 * MILLISECOND, 10 * MILLISECOND);
+                drop(load);
+                since
             }
+            Deed::StarveAndHalt => {
+                let load = load::saturate();
+                // Below what the supervisor takes for a hang.
+                let since = self.slow_down(class.victim, 2, 4_200 * MILLISECOND, 500 * MILLISECOND);
+                drop(load);
+                since
+            }
+            Deed::RecordDiskFull => self.fill_disk(class.victim),
             Deed::Damage(damage) => {
                 // It must not write another meanwhile.
                 self.send(class.victim, Signal::STOP)?;
@@ -251,6 +261,34 @@ impl Bench {
                 Ok(monotonic_now())
             }
         }
+    }
+
+    /// Stops it and lets it go on, so many times in turn.
+    fn slow_down(&mut self, victim: Process, turns: u32, stopped: i64, runs: i64) -> Result<i64, BenchError> {
+        for _ in 0..turns {
+            self.send(victim, Signal::STOP)?;
+            self.closely(stopped, |_| false);
+            self.send(victim, Signal::CONT)?;
+            self.closely(runs, |_| false);
+        }
+        Ok(monotonic_now())
+    }
+
+    /// Lets every write of it fail for 4 s, and waits until it has written again.
+    fn fill_disk(&mut self, victim: Process) -> Result<i64, BenchError> {
+        let Some(pid) = self.set.pid_of(victim) else { return Ok(monotonic_now()) };
+        let log_before = self.set.log().len();
+        let before = forbid_writing(pid)?;
+        self.until(4 * SECOND, |_| false);
+        permit_writing(pid, before)?;
+        let since = monotonic_now();
+        self.until(GIVE_UP, |bench| bench.has_said(log_before, "the disk takes the record again"));
+        Ok(since)
+    }
+
+    /// Whether the log holds this behind its byte `from`.
+    fn has_said(&self, from: usize, line: &str) -> bool {
+        self.set.log().get(from..).is_some_and(|log| log.contains(line))
     }
 
     fn kill(&mut self, victim: Process) -> Result<i64, BenchError> {
