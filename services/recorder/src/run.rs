@@ -81,11 +81,16 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), RecorderError> 
 
     while shutdown.sleep_until(monotonic_now() + LOOK) {
         record.write_down();
+        if monotonic_now() >= record.heartbeat.next_beat() && bus.check_owner().is_err() {
+            break;
+        }
         record.beat(&mut health);
     }
     // What was sent before the end belongs to the record.
     record.write_down();
-    record.finish(&mut health)
+    record.finish(&mut health)?;
+    // Whatever the reason for the end, the record is whole.
+    Ok(bus.check_owner()?)
 }
 
 /// A record in the making.

@@ -87,6 +87,9 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
         // A restarted propagator gets the latched solution without waiting for the next one.
         outputs.solution.update();
         behind.say(monotonic_now());
+        if monotonic_now() >= heartbeat.next_beat() {
+            bus.check_owner()?;
+        }
         beat(&estimator, &inputs, &mut outputs, &mut heartbeat);
     }
     heartbeat.state = ProcessState::Stopping;
