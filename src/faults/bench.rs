@@ -63,6 +63,8 @@ pub(super) struct Bench {
     consumer: Option<Consumer>,
     observer: Observer,
     news: News,
+    /// When the first signal of this trial was sent, monotonic ns.
+    struck: Option<i64>,
 }
 
 impl Bench {
@@ -85,6 +87,7 @@ impl Bench {
             consumer: None,
             observer: Observer::default(),
             news: News::default(),
+            struck: None,
         };
         bench.settle()?;
         bench.observer.take();
@@ -109,8 +112,9 @@ impl Bench {
         self.news.invalid = None;
         let dropped = |bench: &Bench| bench.news.beats.get(&class.victim).map_or(0, |word| word.dropped);
         let dropped_before = dropped(self);
-        let first = monotonic_now();
+        self.struck = None;
         let since = self.act(class)?;
+        let struck = self.struck.unwrap_or(since);
         let back = self.back(class, since);
         // What the solver says when it is back is where its return can be seen in the pose.
         if class.victim == Process::Solver {
@@ -136,8 +140,8 @@ impl Bench {
             declared: self
                 .news
                 .invalid
-                .filter(|&published| class.victim == Process::EmulatorImu && published >= first)
-                .map(|published| seconds(published - first)),
+                .filter(|&published| class.victim == Process::EmulatorImu && published >= struck)
+                .map(|published| seconds(published - struck)),
             back: back.map(|published| seconds((published - since).max(0))),
             said,
             counted,
@@ -305,9 +309,11 @@ impl Bench {
         Ok(now)
     }
 
-    fn send(&self, victim: Process, what: Signal) -> std::io::Result<()> {
+    fn send(&mut self, victim: Process, what: Signal) -> std::io::Result<()> {
         // It may be just dead or not yet born after an earlier deed; then there is nothing to do to it.
-        match self.set.pid_of(victim).map(|pid| signal(pid, what)) {
+        let pid = self.set.pid_of(victim);
+        self.struck.get_or_insert(monotonic_now());
+        match pid.map(|pid| signal(pid, what)) {
             Some(Err(error)) if error.kind() != std::io::ErrorKind::NotFound => {
                 if error.raw_os_error() == Some(rustix::io::Errno::SRCH.raw_os_error()) { Ok(()) } else { Err(error) }
             }
