@@ -32,6 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         readings.publish(PsDepth { header: Header { t_arrival, ..Header::at(t_valid) }, depth });
         heartbeat.reading(Sensor::Ps, t_valid);
         if let Some(beat) = heartbeat.beat(t_arrival) {
+            bus.check_owner()?;
             health.publish(beat);
         }
     }

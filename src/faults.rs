@@ -24,7 +24,7 @@ mod mission;
 mod report;
 
 use bench::{Bench, BenchError};
-use class::{Class, Deed, besides_kills};
+use class::{Class, Deed, LIVE, MISSING, besides_kills};
 use report::{Asked, Matrix};
 
 /// What the bench is told.
@@ -41,6 +41,10 @@ pub struct FaultsArgs {
     /// Kill only; without it, processes are also stopped and slowed down, checkpoints spoilt, disks filled and cores kept busy.
     #[arg(long)]
     kills_only: bool,
+    /// Only these classes of the catalogue, such as F1 or F31; without it, all. Kills are then shared among the victims of these
+    /// classes. May be given several times.
+    #[arg(long = "class", value_name = "CLASS", value_parser = number, conflicts_with = "kills_only")]
+    classes: Vec<u8>,
     /// Of the random times and victims.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -77,6 +81,18 @@ fn seconds(text: &str) -> Result<f64, String> {
     if (1.0..=1e6).contains(&number) { Ok(number) } else { Err("expected 1 to 1000000 seconds".to_owned()) }
 }
 
+fn number(text: &str) -> Result<u8, String> {
+    let digits = text.strip_prefix(['F', 'f']).unwrap_or(text);
+    let number: u8 = digits.parse().map_err(|_| "expected a class of the fault catalogue, F1 to F40".to_owned())?;
+    match MISSING.iter().find(|(missing, _)| *missing == number) {
+        Some((_, why)) => Err((*why).to_owned()),
+        None if LIVE.contains(&number) => Ok(number),
+        None => {
+            Err(format!("F{number} is not done to processes; `experiments faults` does those of sensors and stamps"))
+        }
+    }
+}
+
 fn rate(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
     if (0.1..=10.0).contains(&number) { Ok(number) } else { Err("expected 0.1 to 10".to_owned()) }
@@ -98,12 +114,12 @@ pub fn run(args: &FaultsArgs) -> Outcome {
     let begun = monotonic_now();
     let kills = trials(args, &prefix, &scratch, &shutdown, &mut matrix);
     // The log of a set that went wrong is what its user needs next; it is named in the error.
-    let kills = match kills {
+    let (kills, wanted) = match kills {
         Ok(kills) => kills,
         Err(error) => return Err(format!("{error} (its folder is {})", scratch.display()).into()),
     };
     fs::remove_dir_all(&scratch)?;
-    let asked = Asked { seed: args.seed, rate: args.rate, kills: args.kills };
+    let asked = Asked { seed: args.seed, rate: args.rate, kills: wanted };
     let report = matrix.report(&asked, kills, (monotonic_now() - begun) as f64 * 1e-9);
     if let Some(mut file) = out {
         let (version, kills, seed) = (env!("CARGO_PKG_VERSION"), args.kills, args.seed);
@@ -114,14 +130,14 @@ pub fn run(args: &FaultsArgs) -> Outcome {
     Ok(())
 }
 
-/// Returns how many kills were done.
+/// Returns how many kills were done, and how many there were to do.
 fn trials(
     args: &FaultsArgs,
     prefix: &Prefix,
     scratch: &std::path::Path,
     shutdown: &Shutdown,
     matrix: &mut Matrix,
-) -> Result<u64, BenchError> {
+) -> Result<(u64, u64), BenchError> {
     // Any odd increment gives a sequence; this one is the generator's own.
     let draws = Pcg64::new(u128::from(args.seed), 0x0a02_bdbf_7bb3_c0a7_ac28_fa16_a64a_bf96);
     let mut bench = Bench::start(prefix, scratch, args.rate, draws, shutdown.clone())?;
@@ -132,20 +148,25 @@ fn trials(
         Err(BenchError::Stopped) => {}
         found => matrix.enter(&Class::CLEAN, &found?),
     }
+    let is_wanted = |class: &Class| args.classes.is_empty() || args.classes.contains(&class.number());
     let mut others = if args.kills_only { Vec::new() } else { besides_kills(&victims) };
+    others.retain(is_wanted);
     others.reverse();
+    victims.retain(|&victim| is_wanted(&Class { victim, deed: Deed::Kill }));
+    let wanted_kills = if victims.is_empty() { 0 } else { args.kills };
+    // Its death stands for a whole new set, which takes as long as twenty others.
+    let has_supervisor = victims.pop_if(|victim| *victim == Process::Supervisor).is_some();
     let mut kills = 0;
     while monotonic_now() < limit && !shutdown.requested() {
         // The others are spread among the kills: what is left after the last kill follows at the end.
-        let is_turn = kills >= args.kills || u64::from(bench.below(8)) == 0;
+        let is_turn = kills >= wanted_kills || u64::from(bench.below(8)) == 0;
         let class = match others.pop_if(|_| is_turn) {
             Some(class) => class,
-            None if kills < args.kills => {
-                // Its death stands for a whole new set, which takes as long as twenty others.
-                let is_supervisor = bench.below(SUPERVISOR) == 0;
-                let others = victims.len() as u32 - 1;
+            None if kills < wanted_kills => {
+                let is_supervisor = has_supervisor && (bench.below(SUPERVISOR) == 0 || victims.is_empty());
+                let others = victims.len() as u32;
                 let victim = if is_supervisor { Process::Supervisor } else { victims[bench.below(others) as usize] };
-                let twice = args.kills - kills >= 2 && bench.below(4) == 0;
+                let twice = wanted_kills - kills >= 2 && bench.below(4) == 0;
                 Class { victim, deed: if twice { Deed::KillTwice } else { Deed::Kill } }
             }
             None => break,
@@ -165,7 +186,7 @@ fn trials(
         }
     }
     bench.end(matrix)?;
-    Ok(kills)
+    Ok((kills, wanted_kills))
 }
 
 #[expect(clippy::print_stdout, reason = "this is what was asked for")]

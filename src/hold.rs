@@ -1,5 +1,7 @@
 //! `ilns bus`: holds the channels of a set whose processes something else starts.
 
+use std::fs;
+
 use ilns_bus::{Owner, Prefix};
 use ilns_runtime::{DEFAULT_PREFIX, HeartbeatBuilder, LogFormat, Shutdown, monotonic_now, start_logging};
 use shared_types::{Process, ProcessState, channel};
@@ -21,16 +23,26 @@ pub struct BusArgs {
     log_format: LogFormat,
 }
 
+/// Another after each start of the machine: what was left before it is another mission's.
+const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
+
 /// Between two looks for dead processes, ns: whoever starts them again does so sooner than a heartbeat comes.
 const CLEAN: i64 = 100_000_000;
 
-/// Locks the prefix, wipes what a dead owner left, creates every channel, and cleans up after dead processes until told to
-/// stop.
+/// Locks the prefix, wipes what a dead owner left but for the folder of the run, creates every channel, and cleans up after dead
+/// processes until told to stop.
 pub fn run(args: &BusArgs) -> Outcome {
     start_logging(&args.log_level, args.log_format)?;
     let shutdown = Shutdown::on_signals()?;
-    let owner = Owner::take(&Prefix::new(&args.prefix)?)?;
-    info!(prefix = args.prefix, "the channels are open");
+    let prefix = Prefix::new(&args.prefix)?;
+    // Whoever held the channels before and was killed leaves the folder of the run: origin, last solution, data time. The processes
+    // find their channels gone, end, and whoever restarts them lets them go on from there.
+    let boot = fs::read_to_string(BOOT_ID).unwrap_or_default();
+    let boot_file = prefix.run_directory().join("boot");
+    let goes_on = fs::read_to_string(&boot_file).is_ok_and(|before| before == boot);
+    let owner = if goes_on { Owner::take_over(&prefix)? } else { Owner::take(&prefix)? };
+    fs::create_dir_all(prefix.run_directory()).and_then(|()| fs::write(&boot_file, &boot))?;
+    info!(prefix = args.prefix, goes_on, "the channels are open");
     let mut health = owner.bus().publisher(&channel::HEALTH)?;
     let mut heartbeat = HeartbeatBuilder::new(Process::Supervisor, 0);
     heartbeat.state = ProcessState::Running;

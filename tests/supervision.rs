@@ -215,3 +215,42 @@ fn channels_can_be_held_for_processes_that_something_else_starts() {
     assert_eq!(bus.end(STOP_LIMIT).0, Some(0));
     assert_nothing_left(&prefix);
 }
+
+#[test]
+fn a_bus_that_is_killed_and_started_again_gets_its_processes_back() {
+    let imu_of = |prefix: &str| {
+        let child = Command::new(ILNS)
+            .args(["emulator", "imu", "--prefix", prefix, "--log-level", "error"])
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the executable was built");
+        Set { prefix: format!("{prefix}-none"), child }
+    };
+    let mut bus = Set::start("heir", &["bus"]);
+    bus.status_when("the bus is up", |status| process(status, "supervisor")["state"] == "running");
+    let prefix = bus.prefix.clone();
+    let mut imu = imu_of(&prefix);
+    bus.status_when("readings flow", flows);
+    // What a run keeps for those who come after: it is not wiped with the channels.
+    let kept = std::env::temp_dir().join(format!("ilns-{prefix}/run/kept"));
+    std::fs::create_dir_all(kept.parent().expect("a folder")).expect("writable");
+    std::fs::write(&kept, "").expect("writable");
+    bus.signal(Signal::KILL);
+    bus.child.wait().expect("killed");
+    assert!(imu.child.try_wait().expect("our own child").is_none(), "the set outlives the bus");
+    let mut heir = Set::start("heir", &["bus"]);
+    heir.status_when("the bus is up", |status| process(status, "supervisor")["state"] == "running");
+    // Its channels are gone: it says so and ends, for whoever restarts it.
+    let (code, errors) = imu.end(PATIENCE);
+    assert_eq!(code, Some(2), "{errors}");
+    let said = errors.lines().find(|line| line.starts_with("ilns ")).expect("it says why");
+    assert!(said.contains(&prefix) && said.contains("start it again"), "{errors}");
+    assert!(kept.exists(), "the folder of the run is left alone");
+    let mut imu = imu_of(&prefix);
+    heir.status_when("readings flow again", flows);
+    imu.signal(Signal::TERM);
+    imu.child.wait().expect("told to stop");
+    heir.signal(Signal::TERM);
+    assert_eq!(heir.end(STOP_LIMIT).0, Some(0));
+    assert_nothing_left(&prefix);
+}

@@ -17,7 +17,7 @@ use shared_types::Process;
 use super::class::{Class, Damage, Deed, Expect};
 use super::consumer::{Consumer, News, Word};
 use super::figures::Observer;
-use super::live_set::{LiveSet, signal};
+use super::live_set::{LiveSet, forbid_writing, permit_writing, signal};
 use super::mission;
 use super::report::{Found, Matrix};
 use crate::latency::load;
@@ -63,6 +63,8 @@ pub(super) struct Bench {
     consumer: Option<Consumer>,
     observer: Observer,
     news: News,
+    /// When the first signal of this trial was sent, monotonic ns.
+    struck: Option<i64>,
 }
 
 impl Bench {
@@ -85,6 +87,7 @@ impl Bench {
             consumer: None,
             observer: Observer::default(),
             news: News::default(),
+            struck: None,
         };
         bench.settle()?;
         bench.observer.take();
@@ -107,8 +110,11 @@ impl Bench {
     pub(super) fn carry_out(&mut self, class: &Class) -> Result<Found, BenchError> {
         let log_before = self.set.log().len();
         self.news.invalid = None;
-        let first = monotonic_now();
+        let dropped = |bench: &Bench| bench.news.beats.get(&class.victim).map_or(0, |word| word.dropped);
+        let dropped_before = dropped(self);
+        self.struck = None;
         let since = self.act(class)?;
+        let struck = self.struck.unwrap_or(since);
         let back = self.back(class, since);
         // What the solver says when it is back is where its return can be seen in the pose.
         if class.victim == Process::Solver {
@@ -120,9 +126,10 @@ impl Bench {
         let pause = self.draws.random_range(20..300) * MILLISECOND + if dies { AFTERMATH } else { 0 };
         self.until(pause, |_| false);
         let said = class.expectations().into_iter().all(|expect| match expect {
-            Expect::Says(line) => self.set.log().get(log_before..).is_some_and(|log| log.contains(line)),
+            Expect::Says(line) => self.has_said(log_before, line),
             _ => true,
         });
+        let counted = dropped(self).saturating_sub(dropped_before);
         let collapsed = is_well.is_err() || self.news.given_up || self.set.has_ended();
         if self.shutdown.requested() {
             return Err(BenchError::Stopped);
@@ -133,10 +140,11 @@ impl Bench {
             declared: self
                 .news
                 .invalid
-                .filter(|_| class.victim == Process::EmulatorImu)
-                .map(|published| seconds(published - first)),
+                .filter(|&published| class.victim == Process::EmulatorImu && published >= struck)
+                .map(|published| seconds(published - struck)),
             back: back.map(|published| seconds((published - since).max(0))),
             said,
+            counted,
             collapsed,
         })
     }
@@ -203,15 +211,21 @@ impl Bench {
                 self.send(class.victim, Signal::STOP)?;
                 Ok(monotonic_now())
             }
-            Deed::Slow => {
-                for _ in 0..20 {
-                    self.send(class.victim, Signal::STOP)?;
-                    self.closely(90 * MILLISECOND, |_| false);
-                    self.send(class.victim, Signal::CONT)?;
-                    self.closely(10 * MILLISECOND, |_| false);
-                }
-                Ok(monotonic_now())
+            Deed::Slow => self.slow_down(class.victim, 20, 90 * MILLISECOND, 10 * MILLISECOND),
+            Deed::StarveAndSlow => {
+                let load = load::saturate();
+                let since = self.slow_down(class.victim, 100, 90 * MILLISECOND, 10 * MILLISECOND);
+                drop(load);
+                since
             }
+            Deed::StarveAndHalt => {
+                let load = load::saturate();
+                // Below what the supervisor takes for a hang.
+                let since = self.slow_down(class.victim, 2, 4_200 * MILLISECOND, 500 * MILLISECOND);
+                drop(load);
+                since
+            }
+            Deed::RecordDiskFull => self.fill_disk(class.victim),
             Deed::Damage(damage) => {
                 // It must not write another meanwhile.
                 self.send(class.victim, Signal::STOP)?;
@@ -253,6 +267,34 @@ impl Bench {
         }
     }
 
+    /// Stops it and lets it go on, so many times in turn.
+    fn slow_down(&mut self, victim: Process, turns: u32, stopped: i64, runs: i64) -> Result<i64, BenchError> {
+        for _ in 0..turns {
+            self.send(victim, Signal::STOP)?;
+            self.closely(stopped, |_| false);
+            self.send(victim, Signal::CONT)?;
+            self.closely(runs, |_| false);
+        }
+        Ok(monotonic_now())
+    }
+
+    /// Lets every write of it fail for 4 s, and waits until it has written again.
+    fn fill_disk(&mut self, victim: Process) -> Result<i64, BenchError> {
+        let Some(pid) = self.set.pid_of(victim) else { return Ok(monotonic_now()) };
+        let log_before = self.set.log().len();
+        let before = forbid_writing(pid)?;
+        self.until(4 * SECOND, |_| false);
+        permit_writing(pid, before)?;
+        let since = monotonic_now();
+        self.until(GIVE_UP, |bench| bench.has_said(log_before, "the disk takes the record again"));
+        Ok(since)
+    }
+
+    /// Whether the log holds this behind its byte `from`.
+    fn has_said(&self, from: usize, line: &str) -> bool {
+        self.set.log().get(from..).is_some_and(|log| log.contains(line))
+    }
+
     fn kill(&mut self, victim: Process) -> Result<i64, BenchError> {
         if victim != Process::Supervisor {
             self.send(victim, Signal::KILL)?;
@@ -267,9 +309,11 @@ impl Bench {
         Ok(now)
     }
 
-    fn send(&self, victim: Process, what: Signal) -> std::io::Result<()> {
+    fn send(&mut self, victim: Process, what: Signal) -> std::io::Result<()> {
         // It may be just dead or not yet born after an earlier deed; then there is nothing to do to it.
-        match self.set.pid_of(victim).map(|pid| signal(pid, what)) {
+        let pid = self.set.pid_of(victim);
+        self.struck.get_or_insert(monotonic_now());
+        match pid.map(|pid| signal(pid, what)) {
             Some(Err(error)) if error.kind() != std::io::ErrorKind::NotFound => {
                 if error.raw_os_error() == Some(rustix::io::Errno::SRCH.raw_os_error()) { Ok(()) } else { Err(error) }
             }

@@ -17,6 +17,8 @@ use super::figures::{Observer, is_valid};
 pub(super) struct Word {
     pub(super) pid: u32,
     pub(super) published: i64,
+    /// Messages that it has lost so far.
+    pub(super) dropped: u64,
 }
 
 /// The newest of everything.
@@ -75,8 +77,9 @@ impl Consumer {
         while let Some(truth) = self.truths.receive() {
             observer.truth(&truth);
         }
-        if let Some(solution) = self.solutions.newest() {
+        while let Some(solution) = self.solutions.receive() {
             news.solution = Some(solution.header.t_published);
+            observer.solution(&solution);
         }
         while let Some(beat) = self.health.receive() {
             let Some(process) = Process::from_index(beat.process) else { continue };
@@ -84,7 +87,8 @@ impl Consumer {
             if u32::from(beat.header.source) != beat.process {
                 news.given_up |= state == Some(ProcessState::Failed);
             } else if matches!(state, Some(ProcessState::Running | ProcessState::Finished)) {
-                news.beats.insert(process, Word { pid: beat.pid, published: beat.header.t_published });
+                let published = beat.header.t_published;
+                news.beats.insert(process, Word { pid: beat.pid, published, dropped: beat.dropped });
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use shared_types::{Message, Mode, NavEstimate, Truth};
+use shared_types::{Message, Mode, NavEstimate, Solution, Truth};
 
 /// Estimates and truths that wait for each other: five seconds of them at 10 Hz and 200 Hz.
 const WAITING: usize = 1_000;
@@ -14,6 +14,12 @@ pub(super) struct Figures {
     pub(super) estimates: u64,
     /// Of those, with a number that is none.
     pub(super) not_finite: u64,
+    /// Estimates by the number of their mode.
+    pub(super) modes: [u64; Mode::ALL.len()],
+    /// Solutions received.
+    pub(super) solutions: u64,
+    /// Longest way between the keyframes of two solutions, ns of data time.
+    pub(super) solution_gap: i64,
     /// Longest way between the data times of two estimates that stand on samples, ns.
     pub(super) gap: i64,
     /// Longest monotonic time between the publications of two estimates of whatever mode, ns.
@@ -34,6 +40,9 @@ impl Figures {
         Figures {
             estimates: self.estimates + other.estimates,
             not_finite: self.not_finite + other.not_finite,
+            modes: std::array::from_fn(|mode| self.modes[mode] + other.modes[mode]),
+            solutions: self.solutions + other.solutions,
+            solution_gap: self.solution_gap.max(other.solution_gap),
             gap: self.gap.max(other.gap),
             silence: self.silence.max(other.silence),
             step: self.step.max(other.step),
@@ -51,6 +60,7 @@ pub(super) struct Observer {
     /// The last that stands on a sample.
     last: Option<NavEstimate>,
     last_published: Option<i64>,
+    last_keyframe: Option<i64>,
     estimates: VecDeque<NavEstimate>,
     truths: VecDeque<Truth>,
 }
@@ -75,6 +85,7 @@ impl Observer {
         let figures = &mut self.figures;
         figures.estimates += 1;
         figures.not_finite += u64::from(!is_finite(estimate));
+        figures.modes[estimate.mode() as usize] += 1;
         let published = estimate.header.t_published;
         if let Some(last) = self.last_published.replace(published) {
             figures.silence = figures.silence.max(published - last);
@@ -93,6 +104,13 @@ impl Observer {
         }
         self.estimates.push_back(*estimate);
         self.compare();
+    }
+
+    pub(super) fn solution(&mut self, solution: &Solution) {
+        self.figures.solutions += 1;
+        if let Some(last) = self.last_keyframe.replace(solution.t_keyframe) {
+            self.figures.solution_gap = self.figures.solution_gap.max(solution.t_keyframe - last);
+        }
     }
 
     pub(super) fn truth(&mut self, truth: &Truth) {

@@ -2,13 +2,15 @@
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
+use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::thread;
 
 use ilns_bus::Prefix;
 use ilns_runtime::{StartClock, monotonic_now};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Resource, Rlimit, Signal, getrlimit, kill_process, prlimit};
 use shared_types::Process;
 
 use crate::faults::mission;
@@ -106,18 +108,40 @@ impl Drop for LiveSet {
 }
 
 fn spawn(prefix: &Prefix, scratch: &Path, starts: u32) -> std::io::Result<Child> {
-    let log = OpenOptions::new().append(true).create(true).open(log_file(scratch))?;
+    let mut log = OpenOptions::new().append(true).create(true).open(log_file(scratch))?;
     let mut arguments: Vec<OsString> =
         ["run", "--headless", "--resume", "--preset", "realistic", "--log-level", "warn"].map(OsString::from).into();
     arguments.extend(["--prefix".into(), prefix.name().into()]);
     arguments.extend(["--scenario".into(), mission::write(scratch)?.into()]);
     arguments.extend(["--out".into(), record(scratch, starts).into()]);
-    Command::new(std::env::current_exe()?)
+    let mut child = Command::new(std::env::current_exe()?)
         .args(arguments)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(log)
-        .spawn()
+        .stderr(Stdio::piped())
+        .spawn()?;
+    // Through a pipe: what its processes say must reach the log even while they may not write to any file. It ends with the last of
+    // them; a log that cannot be written is missed by whoever looks for a line in it.
+    let mut said = child.stderr.take().expect("it was piped");
+    thread::spawn(move || io::copy(&mut said, &mut log));
+    Ok(child)
+}
+
+/// Forbids a process to write to files, as a full disk would, until what this returns is given back by [`permit_writing`].
+pub(super) fn forbid_writing(pid: u32) -> io::Result<Rlimit> {
+    // Its hard limit is that of this process, from which it descends: only the soft one is moved, which needs no rights.
+    let none = Rlimit { current: Some(0), ..getrlimit(Resource::Fsize) };
+    Ok(prlimit(Some(number(pid)?), Resource::Fsize, none)?)
+}
+
+/// Ends what [`forbid_writing`] began.
+pub(super) fn permit_writing(pid: u32, before: Rlimit) -> io::Result<()> {
+    prlimit(Some(number(pid)?), Resource::Fsize, before)?;
+    Ok(())
+}
+
+fn number(pid: u32) -> io::Result<Pid> {
+    Ok(i32::try_from(pid).ok().and_then(Pid::from_raw).ok_or(io::ErrorKind::NotFound)?)
 }
 
 fn log_file(scratch: &Path) -> PathBuf {
@@ -137,8 +161,7 @@ fn name_of(pid: u32) -> Option<Process> {
 
 /// Sends a signal; an error where nobody has that number.
 pub(super) fn signal(pid: u32, signal: Signal) -> std::io::Result<()> {
-    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw).ok_or(std::io::ErrorKind::NotFound)?;
-    Ok(kill_process(pid, signal)?)
+    Ok(kill_process(number(pid)?, signal)?)
 }
 
 /// Everything on this machine that bears the name of the set.

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use shared_types::Mode;
 
 use super::class::{Class, Expect, MISSING};
 use super::figures::Figures;
@@ -23,8 +24,10 @@ pub(super) struct Found {
     pub(super) declared: Option<f64>,
     /// Until the victim was back; `None`: it was not.
     pub(super) back: Option<f64>,
-    /// Whether the expected line was said.
+    /// Whether the expected lines were said.
     pub(super) said: bool,
+    /// Messages that the victim has counted as dropped meanwhile.
+    pub(super) counted: u64,
     /// Somebody was given up, or the whole set ended.
     pub(super) collapsed: bool,
 }
@@ -38,6 +41,7 @@ impl Expect {
             Expect::Back(limit) => format!("back <= {limit} s"),
             Expect::Step(limit) => format!("step <= {limit} sigma or clean"),
             Expect::Says(line) => format!("says \"{line}\""),
+            Expect::Counts(least) => format!("at least {least} messages counted as dropped"),
         }
     }
 
@@ -51,6 +55,7 @@ impl Expect {
             Expect::Back(limit) => at_most(found.back.unwrap_or(f64::INFINITY), limit),
             Expect::Step(limit) => at_most(found.figures.step, limit.max(clean.step)),
             Expect::Says(_) => (f64::from(u8::from(found.said)), found.said),
+            Expect::Counts(least) => (found.counted as f64, found.counted >= least),
         }
     }
 }
@@ -86,6 +91,13 @@ struct Row {
     gap_s: f64,
     silence_s: f64,
     step_sigma: f64,
+    estimates: u64,
+    /// Shares of the estimates, by name; absent ones are zero.
+    modes: BTreeMap<&'static str, f64>,
+    solutions: u64,
+    solution_gap_s: f64,
+    dropped: u64,
+    declared_s_median: Option<f64>,
     declared_s: Option<f64>,
     recovered_s_median: Option<f64>,
     recovered_s_max: Option<f64>,
@@ -107,6 +119,7 @@ struct Account {
     figures: Figures,
     declared: Vec<f64>,
     back: Vec<f64>,
+    dropped: u64,
     misses: BTreeMap<String, Miss>,
 }
 
@@ -165,6 +178,7 @@ impl Matrix {
         account.figures = account.figures.and(found.figures);
         account.declared.extend(found.declared);
         account.back.extend(found.back);
+        account.dropped += found.counted;
         for (what, figure) in missed {
             let miss = account.misses.entry(what).or_insert(Miss { runs: 0, worst: figure });
             miss.runs += 1;
@@ -208,9 +222,14 @@ impl Matrix {
 }
 
 fn row(class: &Class, account: &Account) -> Row {
-    let mut back = account.back.clone();
-    back.sort_by(f64::total_cmp);
-    let Figures { worst, outside, compared, gap, silence, step, not_finite, .. } = account.figures;
+    let sorted = |figures: &[f64]| {
+        let mut figures = figures.to_owned();
+        figures.sort_by(f64::total_cmp);
+        figures
+    };
+    let (back, declared) = (sorted(&account.back), sorted(&account.declared));
+    let Figures { worst, outside, compared, gap, silence, step, not_finite, estimates, modes, .. } = account.figures;
+    let shares = Mode::ALL.iter().zip(modes).filter(|&(_, count)| count > 0);
     Row {
         class: if class.number() == 0 { "–".to_owned() } else { format!("F{}", class.number()) },
         fault: class.to_string(),
@@ -223,7 +242,13 @@ fn row(class: &Class, account: &Account) -> Row {
         gap_s: gap as f64 * 1e-9,
         silence_s: silence as f64 * 1e-9,
         step_sigma: step,
-        declared_s: account.declared.iter().copied().reduce(f64::max),
+        estimates,
+        modes: shares.map(|(mode, count)| (mode.name(), count as f64 / estimates as f64)).collect(),
+        solutions: account.figures.solutions,
+        solution_gap_s: account.figures.solution_gap as f64 * 1e-9,
+        dropped: account.dropped,
+        declared_s_median: declared.get(declared.len() / 2).copied(),
+        declared_s: declared.last().copied(),
         recovered_s_median: back.get(back.len() / 2).copied(),
         recovered_s_max: back.last().copied(),
         not_finite,
@@ -235,12 +260,12 @@ impl Report {
     /// As Markdown, which is readable as it stands.
     pub(super) fn markdown(&self) -> String {
         let mut lines = vec![
-            "| class | fault | runs | passed | violated | worst error, sigma | beyond 3 sigma, % | gap in samples, s | silence, s | step, sigma | INVALID after, s, max | recovered, s, median (max) | not met: runs, worst found |".to_owned(),
-            "|---|---|---|---|---|---|---|---|---|---|---|---|---|".to_owned(),
+            "| class | fault | runs | passed | violated | worst error, sigma | beyond 3 sigma, % | gap in samples, s | silence, s | step, sigma | modes, % | gap in solutions, s | INVALID after, s, median (max) | recovered, s, median (max) | not met: runs, worst found |".to_owned(),
+            format!("|{}", "---|".repeat(15)),
         ];
         let mut missing = self.missing.iter().peekable();
         let number = |class: &str| class.strip_prefix('F').and_then(|number| number.parse().ok()).unwrap_or(0_u8);
-        let absent = |class: &str, why: &str| format!("| {class} | {why} |{}", " – |".repeat(11));
+        let absent = |class: &str, why: &str| format!("| {class} | {why} |{}", " – |".repeat(13));
         for row in &self.rows {
             while let Some((class, why)) = missing.next_if(|(class, _)| number(class) < number(&row.class)) {
                 lines.push(absent(class, why));
@@ -272,15 +297,17 @@ impl Report {
 
 impl Row {
     fn markdown(&self) -> String {
-        let optional = |figure: Option<f64>| figure.map_or_else(|| "–".to_owned(), digits);
-        let recovered = match (self.recovered_s_median, self.recovered_s_max) {
+        let both = |median: Option<f64>, max: Option<f64>| match (median, max) {
             (Some(median), Some(max)) => format!("{} ({})", digits(median), digits(max)),
             _ => "–".to_owned(),
         };
+        let recovered = both(self.recovered_s_median, self.recovered_s_max);
+        let modes = self.modes.iter().map(|(mode, share)| format!("{mode} {}", digits(100.0 * share)));
+        let modes: Vec<String> = modes.collect();
         let misses = self.not_met.iter().map(|(what, miss)| format!("{what}: {}, {}", miss.runs, digits(miss.worst)));
         let misses: Vec<String> = misses.collect();
         format!(
-            "| {} | {} | {} | {} | {} | {} | {:.2} | {:.3} | {:.3} | {} | {} | {recovered} | {} |",
+            "| {} | {} | {} | {} | {} | {} | {:.2} | {:.3} | {:.3} | {} | {} | {:.2} | {} | {recovered} | {} |",
             self.class,
             self.fault,
             self.runs,
@@ -291,7 +318,9 @@ impl Row {
             self.gap_s,
             self.silence_s,
             digits(self.step_sigma),
-            optional(self.declared_s),
+            modes.join(", "),
+            self.solution_gap_s,
+            both(self.declared_s_median, self.declared_s),
             if misses.is_empty() { "–".to_owned() } else { misses.join("; ") },
         )
     }

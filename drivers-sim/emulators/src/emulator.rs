@@ -1,6 +1,8 @@
 //! The loop of an emulator: sleep until a reading is due, send it, say how it goes.
 
-use ilns_bus::Publisher;
+use std::rc::Rc;
+
+use ilns_bus::{Bus, Publisher};
 use ilns_runtime::{HeartbeatBuilder, Shutdown, StartClock, monotonic_now};
 use shared_types::{Heartbeat, Message, ProcessState, Sensor, Time};
 
@@ -8,6 +10,7 @@ use crate::source::{Due, Readings, SourceError};
 
 /// One emulator at work.
 pub(crate) struct Emulator<T: Message> {
+    pub(crate) bus: Rc<Bus>,
     pub(crate) readings: Readings<T>,
     pub(crate) publisher: Publisher<T>,
     pub(crate) health: Publisher<Heartbeat>,
@@ -93,10 +96,13 @@ impl<T: Message> Emulator<T> {
         }
     }
 
-    /// Sleeps until `mono`, telling how it goes; false when the process is to stop.
+    /// Sleeps until `mono`, telling how it goes; false when the process is to stop, or its channels are gone.
     fn wait_until(&mut self, mono: i64) -> bool {
         while !self.shutdown.requested() {
             if monotonic_now() >= self.heartbeat.next_beat() {
+                if self.bus.check_owner().is_err() {
+                    break;
+                }
                 self.tell();
             }
             let wake = mono.min(self.heartbeat.next_beat());
@@ -122,7 +128,7 @@ impl<T: Message> Emulator<T> {
 
 #[cfg(test)]
 mod tests {
-    use ilns_bus::{Bus, Owner, Prefix, Subscriber};
+    use ilns_bus::{Owner, Prefix, Subscriber};
     use shared_types::{BuoyFix, Channel, Duration, Header, Process, PsDepth, channel};
 
     use super::*;
@@ -144,8 +150,9 @@ mod tests {
         let stop = shutdown.clone();
         let (channel, there) = (*channel, prefix.clone());
         let at_work = std::thread::spawn(move || {
-            let bus = Bus::join(&there, Process::EmulatorPs, 0).expect("owned");
+            let bus = Rc::new(Bus::join(&there, Process::EmulatorPs, 0).expect("owned"));
             let emulator = Emulator {
+                bus: Rc::clone(&bus),
                 readings: Box::new(readings.into_iter().map(|reading| Ok(Due::when_valid(reading)))),
                 publisher: bus.publisher(&channel).expect("room"),
                 health: bus.publisher(&channel::HEALTH).expect("room"),

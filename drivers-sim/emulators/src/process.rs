@@ -1,5 +1,7 @@
 //! The processes: one emulator per sensor, and one for the truth.
 
+use std::rc::Rc;
+
 use ilns_bus::{Bus, BusError, Prefix};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, RealTime, RuntimeError, Shutdown, StartClock};
 use shared_types::{Channel, Duration, Message, Process, Sensor, Time, channel};
@@ -96,7 +98,7 @@ pub fn run_until(emulator: Process, args: &EmulatorArgs, shutdown: Shutdown) -> 
 
 /// An emulator's place in the set and in time.
 struct Place {
-    bus: Bus,
+    bus: Rc<Bus>,
     emulator: Process,
     epoch: u32,
     clock: StartClock,
@@ -119,7 +121,7 @@ impl Place {
             None => StartClock::now_is(source.start()?, args.rate),
         };
         let until = args.duration.map_or(Time::MAX, |seconds| clock.data + Duration::from_seconds(seconds));
-        Ok(Place { bus, emulator, epoch: args.process.epoch, clock, until, shutdown, real_time })
+        Ok(Place { bus: Rc::new(bus), emulator, epoch: args.process.epoch, clock, until, shutdown, real_time })
     }
 
     fn emulate<T: Message>(
@@ -132,6 +134,7 @@ impl Place {
             readings,
             publisher: self.bus.publisher(channel)?,
             health: self.bus.publisher(&channel::HEALTH)?,
+            bus: Rc::clone(&self.bus),
             heartbeat: HeartbeatBuilder::new(self.emulator, self.epoch),
             clock: self.clock,
             shutdown: self.shutdown,
@@ -139,6 +142,7 @@ impl Place {
             sensor: sensor_of(self.emulator),
         };
         self.real_time.enter();
-        Ok(emulator.run(self.epoch > 0, holds)?)
+        emulator.run(self.epoch > 0, holds)?;
+        Ok(self.bus.check_owner()?)
     }
 }

@@ -1,7 +1,7 @@
 //! A process's place on the bus: its node and its ports.
 
 use core::any::TypeId;
-use std::fs;
+use std::fs::{self, File};
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::publisher::PublisherCreateError;
@@ -9,6 +9,7 @@ use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
+use rustix::fs::fstat;
 use shared_types::{Channel, Message, Process};
 
 use crate::bells::{self, Reader};
@@ -31,6 +32,8 @@ pub struct Bus {
     prefix: Prefix,
     process: Process,
     epoch: u32,
+    /// What the owner leaves as long as the channels are his; kept open, so that looking at it costs no path and no memory.
+    ready: Option<File>,
 }
 
 impl Bus {
@@ -47,12 +50,29 @@ impl Bus {
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        Bus::enter(prefix, process, epoch)
+        let path = prefix.ready_file();
+        let ready = File::open(&path).map_err(BusError::io("open", path))?;
+        Ok(Bus { ready: Some(ready), ..Bus::enter(prefix, process, epoch)? })
+    }
+
+    /// Whether the channels that this process has opened are still those of its prefix. An owner that was killed takes nothing along:
+    /// the set goes on without it. The one that comes in its place makes every channel anew, and whoever does not join again then
+    /// speaks to nobody. To be asked now and then, with the heartbeat.
+    ///
+    /// # Errors
+    /// [`BusError::Replaced`] when they are not: the process is to end, and whoever restarts it brings it back.
+    pub fn check_owner(&self) -> Result<(), BusError> {
+        // A file without a name: the next owner, or an orderly end of this one, has removed it.
+        let is_removed = |ready: &File| fstat(ready).is_ok_and(|found| found.st_nlink == 0);
+        match &self.ready {
+            Some(ready) if is_removed(ready) => Err(BusError::Replaced { prefix: self.prefix.name().to_owned() }),
+            _ => Ok(()),
+        }
     }
 
     /// Opens the node, whoever owns the prefix.
     pub(crate) fn enter(prefix: &Prefix, process: Process, epoch: u32) -> Result<Bus, BusError> {
-        Ok(Bus { node: Box::new(open_node(prefix)?), prefix: prefix.clone(), process, epoch })
+        Ok(Bus { node: Box::new(open_node(prefix)?), prefix: prefix.clone(), process, epoch, ready: None })
     }
 
     /// Under which prefix.

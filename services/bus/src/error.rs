@@ -27,6 +27,14 @@ pub enum BusError {
         /// Which prefix.
         prefix: String,
     },
+    /// The channels on which this process speaks and listens are no longer those of its prefix.
+    #[error(
+        "the channels of prefix `{prefix}` were taken down, or made anew by another owner, since this process joined; start it again"
+    )]
+    Replaced {
+        /// Which prefix.
+        prefix: String,
+    },
     /// The directory of the prefix belongs to somebody else.
     #[error("{} belongs to another user; choose another prefix with --prefix NAME", path.display())]
     NotOurs {

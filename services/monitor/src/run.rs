@@ -118,6 +118,9 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
         }
         window.show(snapshot, news, begun);
         heartbeat.work.record(monotonic_now() - begun);
+        if begun >= heartbeat.next_beat() && bus.check_owner().is_err() {
+            break;
+        }
         if let Some(beat) = heartbeat.beat(begun) {
             health.publish(beat);
         }
@@ -126,7 +129,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), MonitorError> {
     screen.close(&model.snapshot());
     heartbeat.state = ProcessState::Stopping;
     health.publish(heartbeat.build());
-    Ok(())
+    Ok(bus.check_owner()?)
 }
 
 fn open_foxglove(args: &Args, set: &str) -> Result<Foxglove, MonitorError> {

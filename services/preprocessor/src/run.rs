@@ -65,6 +65,9 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PreprocessorErr
             info!(lat_deg = origin.lat_deg, lon_deg = origin.lon_deg, height = origin.height, "the frame is fixed");
             origin_is_published = true;
         }
+        if monotonic_now() >= account.heartbeat.next_beat() {
+            bus.check_owner()?;
+        }
         account.beat(&preprocessor, &inputs, &mut outputs, ProcessState::Running);
     }
     account.end(&preprocessor, &inputs, &mut outputs);

@@ -78,6 +78,9 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PropagatorError
         {
             ports.estimates.publish(estimate);
         }
+        if monotonic_now() >= heartbeat.next_beat() {
+            bus.check_owner()?;
+        }
         ports.beat(&mut heartbeat, &fast_path);
     }
     heartbeat.state = ProcessState::Stopping;

@@ -75,10 +75,14 @@ impl EstimateLog {
             return Ok(());
         }
         let rows_before = self.writer.rows();
-        match self.writer.write(estimate) {
-            Err(LogError::EstimateNotFinite { .. }) => self.written.not_finite += 1,
-            other => other?,
-        }
+        let taken = match self.writer.write(estimate) {
+            Err(LogError::EstimateNotFinite { .. }) => {
+                self.written.not_finite += 1;
+                Ok(())
+            }
+            // A disk that refuses now gets the row later.
+            other => other,
+        };
         self.t_last = Some(t);
         // INITIALISING estimates are not written.
         if self.writer.rows() > rows_before {
@@ -87,7 +91,7 @@ impl EstimateLog {
             self.written.modes[estimate.mode() as usize] += 1;
             see(estimate);
         }
-        Ok(())
+        taken
     }
 
     pub(crate) fn flush(&mut self) -> Result<(), LogError> {

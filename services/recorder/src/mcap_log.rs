@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -15,6 +15,8 @@ use ilns_recording::mcap::{EstimateThinning, McapWriter, RecorderStatus};
 use ilns_runtime::monotonic_now;
 use shared_types::{Heartbeat, KeyframeReport, NavEstimate, RawReading, Time, Truth};
 use tracing::{error, info, warn};
+
+use crate::drops_told::DropsTold;
 
 /// Messages that wait: twenty seconds of everything at full rate, some 2 MB.
 const QUEUE: usize = 8192;
@@ -63,7 +65,7 @@ pub(crate) struct McapLog {
     queue: Option<SyncSender<Entry>>,
     thread: Option<JoinHandle<()>>,
     counts: Arc<Counts>,
-    told: u64,
+    drops: DropsTold,
     has_origin: bool,
     thinning: EstimateThinning,
 }
@@ -75,6 +77,8 @@ struct Counts {
     dropped: AtomicU64,
     /// Did not reach this process.
     lost: AtomicU64,
+    /// The MCAP has ended before the run, which was said.
+    ended: AtomicBool,
 }
 
 impl Counts {
@@ -94,7 +98,13 @@ impl McapLog {
         if replace {
             delete_earlier(folder)?;
         }
-        let writer = McapWriter::create(file(folder, 0), &config)?;
+        let writer = match McapWriter::create(file(folder, 0), &config) {
+            Err(reason) if reason.is_refusal() => {
+                error!(error = ilns_runtime::one_line(&reason), "no MCAP is written");
+                return Ok(McapLog::new(None, None, counts));
+            }
+            other => other?,
+        };
         let (queue, entries) = sync_channel(QUEUE);
         let files =
             Files { folder: folder.to_owned(), args, config, writer: Some(writer), number: 0, begun: None, counts };
@@ -109,7 +119,8 @@ impl McapLog {
     }
 
     fn new(queue: Option<SyncSender<Entry>>, thread: Option<JoinHandle<()>>, counts: Arc<Counts>) -> McapLog {
-        McapLog { queue, thread, counts, told: 0, has_origin: false, thinning: EstimateThinning::default() }
+        let (drops, thinning) = (DropsTold::default(), EstimateThinning::default());
+        McapLog { queue, thread, counts, drops, has_origin: false, thinning }
     }
 
     /// Takes the frame's origin, once.
@@ -134,23 +145,28 @@ impl McapLog {
         }
     }
 
-    /// Messages that did not reach this process, for the record; says what was dropped since the last call.
+    /// Messages that did not reach this process, for the record; says now and then what the queue has not taken.
     pub(crate) fn say_drops(&mut self, lost: u64) {
         self.counts.lost.store(lost, Ordering::Relaxed);
-        let dropped = self.counts.status().dropped;
-        if dropped > self.told {
-            warn!(dropped = dropped - self.told, "messages are not in the MCAP, only in the log directory");
-            self.told = dropped;
+        if !self.counts.ended.load(Ordering::Relaxed) {
+            self.say(monotonic_now());
+        }
+    }
+
+    fn say(&mut self, mono: i64) {
+        if let Some(dropped) = self.drops.news(self.counts.status().dropped, mono) {
+            warn!(dropped, "messages are not in the MCAP, only in the log directory");
         }
     }
 
     /// Waits until everything taken is written and the file is whole.
     pub(crate) fn finish(mut self, lost: u64) {
-        self.say_drops(lost);
+        self.counts.lost.store(lost, Ordering::Relaxed);
         self.queue = None;
         if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
             error!("the thread that writes the MCAP has died (`ilns recording recover` makes the file whole)");
         }
+        self.say(i64::MAX);
     }
 }
 
@@ -210,6 +226,7 @@ impl Files {
             error!(file = %file.display(), error, "the MCAP ends here; the log directory goes on");
             // Its own try to finish may fail as this did.
             self.writer = None;
+            self.counts.ended.store(true, Ordering::Relaxed);
         }
     }
 
@@ -243,6 +260,7 @@ impl Files {
         if free_space(&self.folder).is_some_and(|free| free < self.args.free_space * MEGABYTE) {
             let limit_mb = self.args.free_space;
             warn!(limit_mb, "the disk is nearly full: the MCAP ends here, the log directory goes on");
+            self.counts.ended.store(true, Ordering::Relaxed);
             return self.writer.take().map_or(Ok(()), McapWriter::finish);
         }
         Ok(())

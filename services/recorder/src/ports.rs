@@ -46,14 +46,14 @@ impl Inputs {
     }
 
     /// Empties the queues of all sensors.
-    pub(crate) fn readings<E>(&mut self, take: &mut impl FnMut(&RawReading) -> Result<(), E>) -> Result<(), E> {
-        drain(&mut self.imu, &mut |reading| take(&RawReading::Imu(reading)))?;
-        drain(&mut self.lbl, &mut |reading| take(&RawReading::Lbl(reading)))?;
-        drain(&mut self.gnss, &mut |reading| take(&RawReading::Gnss(reading)))?;
-        drain(&mut self.dvl, &mut |reading| take(&RawReading::Dvl(reading)))?;
-        drain(&mut self.mcp, &mut |reading| take(&RawReading::Mcp(reading)))?;
-        drain(&mut self.ps, &mut |reading| take(&RawReading::Ps(reading)))?;
-        drain(&mut self.buoys, &mut |reading| take(&RawReading::Buoy(reading)))
+    pub(crate) fn readings(&mut self, take: &mut impl FnMut(&RawReading)) {
+        drain(&mut self.imu, &mut |reading| take(&RawReading::Imu(reading)));
+        drain(&mut self.lbl, &mut |reading| take(&RawReading::Lbl(reading)));
+        drain(&mut self.gnss, &mut |reading| take(&RawReading::Gnss(reading)));
+        drain(&mut self.dvl, &mut |reading| take(&RawReading::Dvl(reading)));
+        drain(&mut self.mcp, &mut |reading| take(&RawReading::Mcp(reading)));
+        drain(&mut self.ps, &mut |reading| take(&RawReading::Ps(reading)));
+        drain(&mut self.buoys, &mut |reading| take(&RawReading::Buoy(reading)));
     }
 
     /// Readings that were sent and did not reach this process, in the order of [`SENSORS`].
@@ -70,22 +70,22 @@ impl Inputs {
     }
 
     /// Everything that is missing in the record: readings, rows of the truth, estimates.
-    pub(crate) fn lost_in_all(&self) -> u64 {
+    fn lost_in_all(&self) -> u64 {
         self.lost().iter().sum::<u64>() + self.truth.lost() + self.estimates.lost()
     }
 
-    pub(crate) fn count_losses(&self, heartbeat: &mut HeartbeatBuilder) {
+    /// Per sensor into the heartbeat; returns the sum of everything.
+    pub(crate) fn count_losses(&self, heartbeat: &mut HeartbeatBuilder) -> u64 {
         for (health, lost) in heartbeat.sensors.iter_mut().zip(self.lost()) {
             health.lost = lost;
         }
-        heartbeat.dropped = self.lost_in_all();
+        self.lost_in_all()
     }
 }
 
 /// Empties a queue.
-fn drain<T: Message, E>(subscriber: &mut Subscriber<T>, take: &mut impl FnMut(T) -> Result<(), E>) -> Result<(), E> {
+fn drain<T: Message>(subscriber: &mut Subscriber<T>, take: &mut impl FnMut(T)) {
     while let Some(message) = subscriber.receive() {
-        take(message)?;
+        take(message);
     }
-    Ok(())
 }

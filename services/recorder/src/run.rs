@@ -1,25 +1,21 @@
-//! The story of this process: fifty times a second, write down what has come; every second, hand it to the disk.
+//! The story of this process: fifty times a second, hand what has come to the threads that write it down.
 
 use std::path::PathBuf;
 
 use ilns_bus::{Bus, Prefix, Publisher};
-use ilns_recording::{EstimateWriter, LogWriter, LogWriterOptions, Summary};
+use ilns_recording::Summary;
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use shared_types::{Heartbeat, Process, ProcessState, channel};
 use tracing::{info, warn};
 
+use crate::directory_log::{DirectoryLog, Ended, Place, Row};
 use crate::error::RecorderError;
-use crate::estimate_log::EstimateLog;
-use crate::live_score::LiveScore;
 use crate::mcap_log::{Entry, McapArgs, McapLog};
 use crate::ports::Inputs;
 use crate::tally::Tally;
 
 /// Between two looks at the queues, ns: the shortest queue holds 64 readings, and nobody is kept waiting.
 const LOOK: i64 = 20_000_000;
-
-/// Between two flushes, ns: what a crash of this process may cost.
-const FLUSH: i64 = 1_000_000_000;
 
 /// What the recorder is told.
 #[derive(Clone, Debug, clap::Args)]
@@ -51,7 +47,7 @@ impl Args {
 /// Runs the recorder until SIGTERM or SIGINT.
 ///
 /// # Errors
-/// [`RecorderError`] when it cannot begin, or when the disk refuses.
+/// [`RecorderError`] when it cannot begin, or when the disk still refuses at the end.
 pub fn run(args: &Args) -> Result<(), RecorderError> {
     run_until(args, &args.process.begin()?)
 }
@@ -59,7 +55,7 @@ pub fn run(args: &Args) -> Result<(), RecorderError> {
 /// Runs the recorder until `shutdown` is requested.
 ///
 /// # Errors
-/// [`RecorderError`] when it cannot begin, or when the disk refuses.
+/// As [`run`].
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), RecorderError> {
     let mono_start = monotonic_now();
     args.process.real_time(Process::Recorder)?.enter();
@@ -68,52 +64,54 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), RecorderError> 
     let mut health = bus.publisher(&channel::HEALTH)?;
     let mut record = Record {
         inputs: Inputs::open(&bus)?,
-        log: LogWriter::create(args.folder(), LogWriterOptions { arrival_columns: true, replace: args.replace })?,
+        directory: DirectoryLog::create(Place {
+            folder: args.folder(),
+            replace: args.replace,
+            config: config.to_toml(),
+        })?,
         mcap: McapLog::create(&args.folder(), args.mcap, args.replace, config.to_toml())?,
-        estimates: EstimateLog::create(&args.folder())?,
-        lagged: None,
+        folder: args.folder(),
         tally: Tally::new(&config),
         origin: None,
-        live_score: LiveScore::default(),
+        lost_told: 0,
         heartbeat: HeartbeatBuilder::new(Process::Recorder, args.process.epoch),
         mono_start,
     };
-    record.log.sensors_toml(&config.to_toml())?;
     record.heartbeat.state = ProcessState::Running;
 
-    let mut next_flush = mono_start + FLUSH;
     while shutdown.sleep_until(monotonic_now() + LOOK) {
-        record.write_down()?;
-        if monotonic_now() >= next_flush {
-            next_flush += FLUSH;
-            record.flush()?;
+        record.write_down();
+        if monotonic_now() >= record.heartbeat.next_beat() && bus.check_owner().is_err() {
+            break;
         }
         record.beat(&mut health);
     }
     // What was sent before the end belongs to the record.
-    record.write_down()?;
-    record.finish(&mut health)
+    record.write_down();
+    record.finish(&mut health)?;
+    // Whatever the reason for the end, the record is whole.
+    Ok(bus.check_owner()?)
 }
 
 /// A record in the making.
 struct Record {
     inputs: Inputs,
-    log: LogWriter,
+    directory: DirectoryLog,
     mcap: McapLog,
-    estimates: EstimateLog,
-    /// Begun with the first of them.
-    lagged: Option<EstimateWriter>,
+    folder: PathBuf,
     tally: Tally,
     /// Of the ENU frame: latitude, longitude in degrees, height in m.
     origin: Option<[f64; 3]>,
-    live_score: LiveScore,
+    /// Messages that did not reach this process, as they were last said.
+    lost_told: u64,
     heartbeat: HeartbeatBuilder,
     mono_start: i64,
 }
 
 impl Record {
-    fn write_down(&mut self) -> Result<(), RecorderError> {
-        let Record { inputs, log, mcap, estimates, lagged, tally, origin, live_score, heartbeat, mono_start } = self;
+    fn write_down(&mut self) {
+        let Record { inputs, directory, mcap, tally, origin, heartbeat, mono_start, .. } = self;
+        let had_origin = origin.is_some();
         // The frame first: estimates and truth are compared in it.
         while let Some(found) = inputs.frame_origin.receive() {
             origin.get_or_insert([found.lat_deg, found.lon_deg, found.height]);
@@ -122,20 +120,19 @@ impl Record {
             origin.get_or_insert(solution.origin);
             tally.solution(&solution);
         }
-        if let Some(origin) = *origin {
-            live_score.origin(origin);
+        if let Some(origin) = origin.filter(|_| !had_origin) {
+            directory.take(Row::Origin(origin));
             mcap.origin(origin);
         }
         inputs.readings(&mut |reading| {
             heartbeat.handled += 1;
             heartbeat.reading(reading.sensor(), reading.t_valid());
             mcap.take(|| Entry::Reading(*reading));
-            log.reading(reading)
-        })?;
+            directory.take(Row::Reading(*reading));
+        });
         while let Some(truth) = inputs.truth.receive() {
-            live_score.truth(&truth);
             mcap.take(|| Entry::Truth(Box::new(truth)));
-            log.truth(&truth)?;
+            directory.take(Row::Truth(Box::new(truth)));
         }
         while let Some(estimate) = inputs.estimates.receive() {
             heartbeat.handled += 1;
@@ -143,15 +140,10 @@ impl Record {
                 heartbeat.hop_in.record(monotonic_now() - estimate.header.t_published);
             }
             mcap.estimate(&estimate);
-            estimates.take(&estimate, &mut |written| live_score.estimate(written))?;
+            directory.take(Row::Estimate(Box::new(estimate)));
         }
         while let Some(estimate) = inputs.lagged.receive() {
-            if lagged.is_none() {
-                *lagged = Some(EstimateWriter::create_lagged(log.path())?);
-            }
-            if let Some(writer) = lagged {
-                writer.write(&estimate)?;
-            }
+            directory.take(Row::Lagged(Box::new(estimate)));
         }
         while let Some(beat) = inputs.health.receive() {
             tally.heartbeat(&beat);
@@ -160,29 +152,28 @@ impl Record {
         while let Some(report) = inputs.diagnostics.receive() {
             mcap.take(|| Entry::Report(Box::new(report)));
         }
-        Ok(())
     }
 
-    fn flush(&mut self) -> Result<(), RecorderError> {
-        let mono = monotonic_now();
-        self.log.flush()?;
-        self.estimates.flush()?;
-        if let Some(lagged) = &mut self.lagged {
-            lagged.flush()?;
-        }
-        self.heartbeat.work.record(monotonic_now() - mono);
-        Ok(())
+    /// Counts what is not in the record: what did not reach this process, and what it did not get rid of. Returns the former.
+    fn count_losses(&mut self) -> u64 {
+        let lost = self.inputs.count_losses(&mut self.heartbeat);
+        self.heartbeat.dropped = lost + self.directory.dropped();
+        lost
     }
 
     fn beat(&mut self, health: &mut Publisher<Heartbeat>) {
         if monotonic_now() < self.heartbeat.next_beat() {
             return;
         }
-        let lost_before = self.heartbeat.dropped;
-        self.inputs.count_losses(&mut self.heartbeat);
-        self.mcap.say_drops(self.heartbeat.dropped);
-        if self.heartbeat.dropped > lost_before {
-            warn!(lost = self.heartbeat.dropped - lost_before, "messages did not reach the record (is the disk slow?)");
+        if let Some(ns) = self.directory.flush_ns() {
+            self.heartbeat.work.record(ns);
+        }
+        let lost = self.count_losses();
+        self.mcap.say_drops(lost);
+        self.directory.say_drops(monotonic_now());
+        if lost > self.lost_told {
+            warn!(lost = lost - self.lost_told, "messages did not reach the recorder (is the CPU starved?)");
+            self.lost_told = lost;
         }
         if let Some(beat) = self.heartbeat.beat(monotonic_now()) {
             health.publish(beat);
@@ -190,28 +181,24 @@ impl Record {
     }
 
     fn finish(mut self, health: &mut Publisher<Heartbeat>) -> Result<(), RecorderError> {
-        let folder = self.log.path().to_owned();
-        self.log.finish()?;
-        let written = self.estimates.finish()?;
-        if let Some(lagged) = self.lagged.take() {
-            lagged.finish()?;
-        }
+        let lost = self.count_losses();
+        self.mcap.finish(lost);
+        let (Ended { written, score }, dropped) = self.directory.finish()?;
         let wall_s = (monotonic_now() - self.mono_start) as f64 * 1e-9;
         let summary = Summary {
             origin: self.origin.unwrap_or_default(),
-            score: self.live_score.finish(),
+            score,
+            lost: lost + dropped,
             ..self.tally.summary(&written, wall_s, self.inputs.solutions.lost())
         };
-        summary.write(&folder)?;
-        let lost = self.inputs.lost_in_all();
-        self.mcap.finish(lost);
-        if lost + written.not_finite + written.out_of_order > 0 {
+        summary.write(&self.folder)?;
+        if summary.lost + written.not_finite + written.out_of_order > 0 {
             let (not_finite, out_of_order) = (written.not_finite, written.out_of_order);
-            warn!(lost, not_finite, out_of_order, "the record is not whole");
+            warn!(lost, dropped, not_finite, out_of_order, "the record is not whole");
         }
-        info!(folder = %folder.display(), estimates = summary.estimates, "recorded");
+        info!(folder = %self.folder.display(), estimates = summary.estimates, "recorded");
         self.heartbeat.state = ProcessState::Stopping;
-        self.inputs.count_losses(&mut self.heartbeat);
+        self.heartbeat.dropped = summary.lost;
         health.publish(self.heartbeat.build());
         Ok(())
     }

@@ -261,6 +261,13 @@ pub enum LogError {
 }
 
 impl LogError {
+    /// Whether the disk refuses for want of room or of leave (full, over a quota, read-only): later it may take again.
+    pub fn is_refusal(&self) -> bool {
+        use io::ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+        let LogError::Io { source, .. } = self else { return false };
+        matches!(source.kind(), StorageFull | QuotaExceeded | ReadOnlyFilesystem | FileTooLarge)
+    }
+
     /// For `map_err`: what was tried on which file.
     pub(crate) fn io(file: &Path, action: &'static str) -> impl FnOnce(io::Error) -> LogError {
         let file = file.to_owned();

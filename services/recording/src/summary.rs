@@ -37,6 +37,10 @@ pub struct Summary {
     /// Keyframes that gave no solution, for want of inertial samples or of a regular matrix.
     #[serde(default)]
     pub keyframes_unsolved: u64,
+    /// Readings, rows of the truth and estimates of a live run that are not in its record: they did not reach the recorder, or the
+    /// disk did not take them.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lost: u64,
     /// Solver iterations over all keyframes.
     pub iterations: u64,
     /// CPU time per keyframe with a full window, µs.
@@ -84,6 +88,12 @@ pub struct TimeOffsetSummary {
     pub offset_s: f64,
     /// 1-sigma of that, s.
     pub sigma_s: f64,
+}
+
+/// Nothing was lost: not worth a line.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl SensorSummary {

@@ -45,11 +45,23 @@ impl TextFile {
         if self.text.len() >= CHUNK { self.flush() } else { Ok(()) }
     }
 
-    /// Hands everything to the operating system.
+    /// Hands everything to the operating system. What it refuses is kept, from the byte on at which it did: once it takes again, the
+    /// file goes on without a break.
     pub(crate) fn flush(&mut self) -> Result<(), LogError> {
-        self.file.write_all(&self.text).map_err(LogError::io(&self.path, "write"))?;
-        self.text.clear();
-        Ok(())
+        let mut taken = 0;
+        let result = loop {
+            if taken == self.text.len() {
+                break Ok(());
+            }
+            match self.file.write(&self.text[taken..]) {
+                Ok(0) => break Err(std::io::ErrorKind::WriteZero.into()),
+                Ok(bytes) => taken += bytes,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(error) => break Err(error),
+            }
+        };
+        self.text.drain(..taken);
+        result.map_err(LogError::io(&self.path, "write"))
     }
 
     /// Flushes and gives the file its name.
@@ -59,5 +71,28 @@ impl TextFile {
             None => Ok(()),
             Some(whole) => fs::rename(&self.path, &whole).map_err(LogError::io(&self.path, "rename")),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a test may fail where it stands")]
+    use super::*;
+
+    #[test]
+    fn what_a_full_disk_refuses_is_written_once_it_takes_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("imu.csv");
+        let mut file = TextFile::create(&path).unwrap();
+        file.text().extend_from_slice(b"first\n");
+        file.flush().unwrap();
+        // A device that has no room: every write to it is refused as on a full disk.
+        let whole = std::mem::replace(&mut file.file, File::options().write(true).open("/dev/full").unwrap());
+        file.text().extend_from_slice(b"second\n");
+        let refused = file.flush().unwrap_err();
+        assert!(refused.is_refusal() && refused.to_string().contains("imu.csv"), "{refused}");
+        file.file = whole;
+        file.flush().unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "first\nsecond\n");
     }
 }

@@ -152,6 +152,7 @@ impl ReplayOutput {
         }
         let wall_s = self.started.elapsed().as_secs_f64();
         let summary = Summary {
+            lost: 0,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             estimator: facts.estimator.to_owned(),
             faults: facts.faults.clone(),

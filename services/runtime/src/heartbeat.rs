@@ -25,7 +25,7 @@ pub struct HeartbeatBuilder {
     notify: Notify,
     /// Where the process stands.
     pub state: ProcessState,
-    /// Messages that it published and no queue took.
+    /// Messages that it published and no queue took; of the recorder, those that are not in the record.
     pub dropped: u64,
     /// Messages that it handled.
     pub handled: u64,

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rustix::io::Errno;
 use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 
 use crate::clock::monotonic_now;
 use crate::error::RuntimeError;
@@ -19,7 +19,8 @@ const NAP: i64 = 50_000_000;
 pub struct Shutdown(Arc<AtomicBool>);
 
 impl Shutdown {
-    /// Catches the three signals from now on.
+    /// Catches the three signals from now on. A limit on the size of files (`LimitFSIZE=`) is from now on an error of the write that
+    /// meets it, as a full disk is, and not the end of the process.
     ///
     /// # Errors
     /// [`RuntimeError::Signals`] when the operating system refuses.
@@ -28,6 +29,7 @@ impl Shutdown {
         for signal in [SIGTERM, SIGINT, SIGHUP] {
             signal_hook::flag::register(signal, Arc::clone(&shutdown.0)).map_err(RuntimeError::Signals)?;
         }
+        signal_hook::flag::register(SIGXFSZ, Arc::default()).map_err(RuntimeError::Signals)?;
         Ok(shutdown)
     }
 

@@ -17,6 +17,9 @@ use crate::ports::{Inputs, Outputs};
 /// Keyframes that may wait behind the one at hand before it is only taken in, and solved with a later one.
 const HOLD_BEHIND: usize = 3;
 
+/// Between two lines about being behind, ns.
+const BETWEEN_WORDS: i64 = 10_000_000_000;
+
 /// What the solver is told.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
@@ -49,6 +52,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     let mut estimator = take_up(&prefix.run_directory(), &mut config, args.process.epoch > 0);
     let mut heartbeat = HeartbeatBuilder::new(Process::Solver, args.process.epoch);
     heartbeat.state = ProcessState::Running;
+    let mut behind = Behind::default();
     let mut waiting = VecDeque::with_capacity(inputs_capacity());
     let mono_start = monotonic_now();
     real_time.enter();
@@ -69,7 +73,12 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
         while let Some(measurement) = waiting.pop_front() {
             let effort = if measurement.kind == Measurement::KEYFRAME {
                 keyframes -= 1;
-                effort_with(keyframes)
+                let effort = effort_with(keyframes);
+                // What came before this process is history, which is never solved one by one.
+                if measurement.header.t_published >= mono_start {
+                    behind.count(effort);
+                }
+                effort
             } else {
                 Effort::Full
             };
@@ -77,6 +86,10 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
         }
         // A restarted propagator gets the latched solution without waiting for the next one.
         outputs.solution.update();
+        behind.say(monotonic_now());
+        if monotonic_now() >= heartbeat.next_beat() {
+            bus.check_owner()?;
+        }
         beat(&estimator, &inputs, &mut outputs, &mut heartbeat);
     }
     heartbeat.state = ProcessState::Stopping;
@@ -94,6 +107,31 @@ fn effort_with(behind: usize) -> Effort {
         0 => Effort::Full,
         1..HOLD_BEHIND => Effort::Reduced,
         _ => Effort::Hold,
+    }
+}
+
+/// What this process did not get done in time.
+#[derive(Clone, Copy, Debug, Default)]
+struct Behind {
+    /// Keyframes with one iteration only, and those without a solution of their own, since it was last said.
+    reduced: u64,
+    held: u64,
+    next_word: i64,
+}
+
+impl Behind {
+    fn count(&mut self, effort: Effort) {
+        self.reduced += u64::from(effort == Effort::Reduced);
+        self.held += u64::from(effort == Effort::Hold);
+    }
+
+    /// Says now and then what has gathered, if a solution was missing; `mono`: monotonic ns.
+    fn say(&mut self, mono: i64) {
+        if self.held > 0 && mono >= self.next_word {
+            let Behind { reduced, held, .. } = *self;
+            warn!(reduced, skipped = held, "the solver is behind: keyframes are solved with later ones");
+            *self = Behind { next_word: mono + BETWEEN_WORDS, ..Behind::default() };
+        }
     }
 }
 
