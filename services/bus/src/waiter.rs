@@ -9,6 +9,13 @@ use iceoryx2::prelude::ipc;
 /// channels, rung or not.
 pub const WAIT: Duration = Duration::from_millis(50);
 
+/// What a time-out of the listener may be late by: the kernel counts that of a socket in its ticks (4 ms at 250 Hz), and rounds up
+/// twice. 13 ms asked for were 20 ms slept.
+const TICKS: Duration = Duration::from_millis(8);
+
+/// So the last of a sleep is slept in naps, whose clock is exact. A ring is heard at the end of one.
+const NAP: Duration = Duration::from_micros(200);
+
 /// Sleeps until its reader is rung, or, for a reader that has a core to itself, does not sleep.
 #[derive(Debug)]
 pub struct Waiter {
@@ -31,13 +38,20 @@ impl Waiter {
         self.wait_for(WAIT)
     }
 
-    /// As [`Waiter::wait`], with another limit.
+    /// As [`Waiter::wait`], with another limit. It may return earlier, unrung, and never returns later than the scheduler makes it.
     pub fn wait_for(&self, limit: Duration) -> bool {
         let Some(listener) = &self.listener else {
             std::hint::spin_loop();
             return true;
         };
-        match listener.timed_wait(|_| {}, limit) {
+        let heard = match limit.saturating_sub(TICKS) {
+            Duration::ZERO => {
+                std::thread::sleep(limit.min(NAP));
+                listener.try_wait(|_| {})
+            }
+            surely => listener.timed_wait(|_| {}, surely),
+        };
+        match heard {
             Ok(rings) => rings > 0,
             Err(error) => {
                 // A signal ends the wait early, which is what the caller wants; anything else must not spin.
