@@ -35,8 +35,10 @@ pub(crate) trait Rings: Debug {
 
 /// Sleeps until rung.
 pub(crate) trait Listens: Debug {
-    /// How often it was rung.
+    /// How often it was rung, from now or before, until `limit` at most.
     fn listen(&self, limit: Duration) -> Result<u64, ListenerWaitError>;
+    /// How often it was rung so far.
+    fn look(&self) -> Result<u64, ListenerWaitError>;
 }
 
 /// Keeps a process's node.
@@ -69,6 +71,10 @@ impl Rings for Notifier<ipc::Service> {
 impl Listens for Listener<ipc::Service> {
     fn listen(&self, limit: Duration) -> Result<u64, ListenerWaitError> {
         self.timed_wait(|_| {}, limit)
+    }
+
+    fn look(&self) -> Result<u64, ListenerWaitError> {
+        self.try_wait(|_| {})
     }
 }
 
