@@ -179,7 +179,8 @@ fn it_stands_on_the_newest_solution_and_says_when_the_imu_is_silent() {
 
     let held = await_message("INVALID", &mut estimates, |estimate| estimate.mode() == Mode::Invalid);
     let held = held.last().unwrap();
-    assert!(held.header.t_valid >= Time::from_seconds(t + 0.02).0, "{} s after {t} s", held.t_valid());
+    // Within four periods, but no sooner than the rhythm of a sample that is a little late.
+    assert!(held.header.t_valid >= Time::from_seconds(t + 0.018).0, "{} s after {t} s", held.t_valid());
     assert_eq!(held.header.origin_t_arrival, 0);
     let back = send_until(&mut samples, &mut t, &mut estimates, |estimate| estimate.header.origin_t_arrival > 0);
     assert_ne!(back.mode(), Mode::Invalid);
