@@ -70,7 +70,7 @@ impl Innovation {
         add_times_transposed(&mut projected, covariance, &row.jacobian, 1.0);
         let state_share = dot(&row.jacobian, &projected);
         let s = 1.0 + state_share;
-        // Where rounding has left less than nothing, as it is: the gate refuses it.
+        // Where rounding has left less than nothing of S there is no scale: in sigmas of the reading itself, as for several rows.
         let scale = if s > 0.0 { 1.0 / s.sqrt() } else { 1.0 };
         let whitened = row.after(delta) * scale;
         Innovation {
