@@ -39,7 +39,8 @@ pub fn run(args: &BusArgs) -> Outcome {
     // find their channels gone, end, and whoever restarts them lets them go on from there.
     let boot = fs::read_to_string(BOOT_ID).unwrap_or_default();
     let boot_file = prefix.run_directory().join("boot");
-    let goes_on = fs::read_to_string(&boot_file).is_ok_and(|before| before == boot);
+    // A machine that does not say which start this is proves nothing.
+    let goes_on = !boot.is_empty() && fs::read_to_string(&boot_file).is_ok_and(|before| before == boot);
     let owner = if goes_on { Owner::take_over(&prefix)? } else { Owner::take(&prefix)? };
     fs::create_dir_all(prefix.run_directory()).and_then(|()| fs::write(&boot_file, &boot))?;
     info!(prefix = args.prefix, goes_on, "the channels are open");
