@@ -3,6 +3,7 @@
 //! Plain `repr(C)` data and its checks, no algebra: what crosses a border between crates or processes is declared here
 //! once, with its frame, unit and layout. `navigation/` turns the arrays into vectors where a model is built from them.
 
+mod calibration;
 mod channels;
 mod config;
 mod diagnostics;
@@ -19,6 +20,7 @@ mod solution;
 mod time;
 mod vehicle;
 
+pub use calibration::{CALIBRATIONS, Calibration};
 pub use channels::{Channel, ChannelSpec, ChannelVisitor, EVERY_CHANNEL, Overflow, visit_channels};
 pub mod channel {
     //! The channel table: one constant per channel, the only place that names them.

@@ -203,6 +203,8 @@ pub struct SensorConfig {
     pub gate: bool,
     /// How late its stamps are.
     pub time_offset: TimeOffset,
+    /// Whether its [`crate::Calibration`]s are looked for.
+    pub calibrate: bool,
 }
 
 /// The published estimate.
@@ -354,6 +356,8 @@ section!(LblSection {
     time_offset: TimeOffsetName = TimeOffsetName::Estimated;
     /// The fixed value, or the first guess, s.
     time_offset_value: f64 = 0.0;
+    /// Systematic errors are found where the motion shows them; a sensor without one pays nothing for that.
+    calibrate: bool = true;
     /// 0: raw ranges; `inf`: differences as in the paper.
     common_offset_sigma: f64 = 0.0;
     /// Beyond the reach of acoustic positioning.
@@ -383,6 +387,9 @@ section!(DvlSection {
     gate: bool = true;
     time_offset: TimeOffsetName = TimeOffsetName::Estimated;
     time_offset_value: f64 = 0.0;
+    /// A scale that is off from the start is found; but for one that is right, a lock on a layer that moves along may be taken
+    /// for an error of the scale.
+    calibrate: bool = false;
     /// Faster than instruments measure; high enough for a car's odometer.
     max_speed: f64 = 60.0;
 });
@@ -433,11 +440,12 @@ struct SensorKeys {
     gate: bool,
     time_offset: TimeOffsetName,
     value: f64,
+    calibrate: bool,
 }
 
 /// The sensor's keys out of its section.
 macro_rules! sensor_keys {
-    ($name:literal, $section:expr) => {
+    ($name:literal, $section:expr, $calibrate:expr) => {
         SensorKeys {
             names: [concat!($name, ".kernel_width"), concat!($name, ".time_offset_value")],
             enabled: $section.enabled,
@@ -446,6 +454,7 @@ macro_rules! sensor_keys {
             gate: $section.gate,
             time_offset: $section.time_offset,
             value: $section.time_offset_value,
+            calibrate: $calibrate,
         }
     };
 }
@@ -469,7 +478,7 @@ fn sensor(keys: &SensorKeys) -> Result<SensorConfig, Problem> {
         TimeOffsetName::Fixed => TimeOffset::Fixed(value),
         TimeOffsetName::Estimated => TimeOffset::Estimated(value),
     };
-    Ok(SensorConfig { enabled: keys.enabled, kernel, gate: keys.gate, time_offset })
+    Ok(SensorConfig { enabled: keys.enabled, kernel, gate: keys.gate, time_offset, calibrate: keys.calibrate })
 }
 
 fn kalman(section: &KalmanSection) -> Result<KalmanConfig, Problem> {
@@ -574,11 +583,11 @@ impl TryFrom<&Sections> for Navigator {
                 long_gap: seconds("imu.long_gap", file.imu.long_gap)?,
             },
             sensors: [
-                sensor(&sensor_keys!("lbl", file.lbl))?,
-                sensor(&sensor_keys!("gnss", file.gnss))?,
-                sensor(&sensor_keys!("dvl", file.dvl))?,
-                sensor(&sensor_keys!("mcp", file.mcp))?,
-                sensor(&sensor_keys!("ps", file.ps))?,
+                sensor(&sensor_keys!("lbl", file.lbl, file.lbl.calibrate))?,
+                sensor(&sensor_keys!("gnss", file.gnss, false))?,
+                sensor(&sensor_keys!("dvl", file.dvl, file.dvl.calibrate))?,
+                sensor(&sensor_keys!("mcp", file.mcp, false))?,
+                sensor(&sensor_keys!("ps", file.ps, false))?,
             ],
             lbl_common_offset_sigma: offset,
             lbl_max_range: positive("lbl.max_range", file.lbl.max_range)?,

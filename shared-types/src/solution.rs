@@ -89,6 +89,10 @@ message! {
         time_offset: [f64; 5],
         /// 1-sigma of that, s; 0 while nothing speaks against the stamps, or nobody asks.
         time_offset_sigma: [f64; 5],
+        /// What each of [`crate::CALIBRATIONS`] is found to be off by, in its SI unit.
+        calibration: [f64; 2],
+        /// 1-sigma of that; 0 while nothing speaks against the configured value, or nobody asks.
+        calibration_sigma: [f64; 2],
         /// Half the robust sum of squares of the measurements in the window: about half of what they count.
         cost: f64,
         /// Keyframes in the window.

@@ -218,6 +218,8 @@ fn solution() -> Solution {
         counts: [SensorCounts { used: 9, rejected: [3; REJECT_REASONS.len()] }; 7],
         time_offset: [0.0; 5],
         time_offset_sigma: [0.0; 5],
+        calibration: [0.0; 2],
+        calibration_sigma: [0.0; 2],
         cost: 1.0,
         keyframes: 20,
         iterations: 2,

@@ -1,6 +1,6 @@
-//! Time offsets beside the chain: columns of which the solution itself knows nothing.
+//! Systematic errors beside the chain: columns of which the solution itself knows nothing.
 //!
-//! For each sensor alone: if its stamps were too late by τ, what would the window say τ is? The normal equations gain a
+//! For each error alone, say stamps of a sensor that are too late by τ: what would the window say τ is? The normal equations gain a
 //! column F and a corner S (the arrow of §4.4 of the method), swept along with the chain:
 //!
 //! ```text
@@ -15,19 +15,19 @@
 //! the long one sees what only a whole turn tells.
 
 use nalgebra::{SMatrix, SVector};
-use shared_types::{AIDING, Duration};
+use shared_types::Duration;
 
 use crate::chain::Link;
 use crate::kernels::{Block, BlockVector, add_product_transposed, add_times_transposed, solve_upper};
-use crate::rows::{DIM, Slope};
+use crate::rows::{DIM, Slopes};
+use crate::systematic::ERRORS;
 
 /// How many memories.
 pub const TERMS: usize = 2;
 /// T, s.
 const MEMORIES: [f64; TERMS] = [15.0, 60.0];
-/// Columns: the sensors of one memory, then those of the next.
-const WIDTH: usize = TERMS * AIDING.len();
-
+/// Columns: the errors of one memory, then those of the next.
+const WIDTH: usize = TERMS * ERRORS;
 /// e^{−dt/T} of one memory.
 pub fn fading(dt: Duration, term: usize) -> f64 {
     (-dt.as_seconds() / MEMORIES[term]).exp()
@@ -38,8 +38,8 @@ pub fn fadings(dt: Duration) -> [f64; TERMS] {
     core::array::from_fn(|term| fading(dt, term))
 }
 
-fn column_of(sensor: usize, term: usize) -> usize {
-    term * AIDING.len() + sensor
+fn column_of(error: usize, term: usize) -> usize {
+    term * ERRORS + error
 }
 
 /// The columns at one keyframe, everything before it eliminated.
@@ -47,25 +47,18 @@ fn column_of(sensor: usize, term: usize) -> usize {
 pub struct Columns {
     /// z transposed, one row a column of the arrow; f in a prior.
     z_transposed: SMatrix<f64, WIDTH, DIM>,
-    /// S of each column with itself.
-    information: SVector<f64, WIDTH>,
-    /// S of a sensor's column by the one memory with its column by the other.
-    crossed: [f64; AIDING.len()],
+    /// S, each column with each: one error that is taken out changes what the others look like.
+    information: SMatrix<f64, WIDTH, WIDTH>,
     right: SVector<f64, WIDTH>,
 }
 
 impl Default for Columns {
     fn default() -> Self {
-        Columns {
-            z_transposed: SMatrix::zeros(),
-            information: SVector::zeros(),
-            crossed: [0.0; AIDING.len()],
-            right: SVector::zeros(),
-        }
+        Columns { z_transposed: SMatrix::zeros(), information: SMatrix::zeros(), right: SVector::zeros() }
     }
 }
 
-/// What marginalised keyframes say of the offsets, at the oldest: f in place of z.
+/// What marginalised keyframes say of the errors, at the oldest: f in place of z.
 #[derive(Clone, Debug, Default)]
 pub struct ColumnPrior(Columns);
 
@@ -73,32 +66,31 @@ impl Columns {
     /// Sweeps the columns of a swept `link`, whose own parts are `own`, after the prior or after those of the link before
     /// and the time from it.
     #[inline(always)]
-    pub fn sweep(&mut self, link: &Link<DIM>, own: &[Slope; AIDING.len()], before: Before<'_>) {
+    pub fn sweep(&mut self, link: &Link<DIM>, own: &Slopes, before: Before<'_>) {
         match before {
             Before::Prior(prior) => *self = prior.0.clone(),
             Before::Link(columns, link_before, dt) => *self = columns.carried(link_before, dt),
         }
-        for (sensor, own) in own.iter().enumerate() {
-            for term in 0..TERMS {
-                let column = column_of(sensor, term);
-                for coordinate in 0..DIM {
-                    self.z_transposed[(column, coordinate)] += own.coupling[coordinate];
-                }
-                self.information[column] += own.information;
-                self.right[column] += own.right;
+        for column in 0..WIDTH {
+            let error = column % ERRORS;
+            for coordinate in 0..DIM {
+                self.z_transposed[(column, coordinate)] += own.coupling[error][coordinate];
             }
-            self.crossed[sensor] += own.information;
+            for other in 0..WIDTH {
+                self.information[(other, column)] += own.information[(other % ERRORS, error)];
+            }
+            self.right[column] += own.right[error];
         }
         link.solve_columns(&mut self.z_transposed);
         add_times_transposed(&mut self.right, &self.z_transposed, link.swept_right(), -1.0);
-        for coordinate in 0..DIM {
-            let z = &self.z_transposed.data.0[coordinate];
-            for column in 0..WIDTH {
-                self.information.data.0[0][column] -= z[column] * z[column];
+        for column in 0..WIDTH {
+            let mut sums = self.information.data.0[column];
+            for z in &self.z_transposed.data.0 {
+                for other in 0..WIDTH {
+                    sums[other] -= z[other] * z[column];
+                }
             }
-            for sensor in 0..AIDING.len() {
-                self.crossed[sensor] -= z[sensor] * z[AIDING.len() + sensor];
-            }
+            self.information.data.0[column] = sums;
         }
     }
 
@@ -108,17 +100,18 @@ impl Columns {
         let faded = fadings(dt);
         let mut carried = self.clone();
         let mut z_transposed = self.z_transposed;
-        for term in 0..TERMS {
-            for sensor in 0..AIDING.len() {
-                let column = column_of(sensor, term);
-                for coordinate in 0..DIM {
-                    z_transposed[(column, coordinate)] *= faded[term];
-                }
-                carried.information[column] *= faded[term] * faded[term];
-                carried.right[column] *= faded[term];
+        let faded: SVector<f64, WIDTH> = SVector::from_fn(|column, _| faded[column / ERRORS]);
+        for coordinate in 0..DIM {
+            for column in 0..WIDTH {
+                z_transposed[(column, coordinate)] *= faded[column];
             }
         }
-        carried.crossed.iter_mut().for_each(|crossed| *crossed *= faded[0] * faded[1]);
+        for column in 0..WIDTH {
+            for other in 0..WIDTH {
+                carried.information[(other, column)] *= faded[other] * faded[column];
+            }
+            carried.right[column] *= faded[column];
+        }
         carried.z_transposed = SMatrix::zeros();
         add_product_transposed(&mut carried.z_transposed, &z_transposed, link.y_transposed(), -1.0);
         carried
@@ -130,19 +123,19 @@ impl Columns {
         ColumnPrior(self.carried(link, dt))
     }
 
-    /// What each memory says of a sensor when this is the newest keyframe.
-    pub fn of(&self, sensor: usize) -> [OffsetScore; TERMS] {
+    /// What each memory says of an error when this is the newest keyframe.
+    pub fn of(&self, error: usize) -> [Score; TERMS] {
         core::array::from_fn(|term| {
-            let column = column_of(sensor, term);
-            OffsetScore { information: self.information[column], right: self.right[column] }
+            let column = column_of(error, term);
+            Score { information: self.information[(column, column)], right: self.right[column] }
         })
     }
 
-    /// ∂x_n/∂τ when `link` is the newest: how far the state is off per s of a sensor's offset.
-    pub fn state_by_offset(&self, link: &Link<DIM>, sensor: usize, term: usize) -> BlockVector<DIM> {
-        let mut by_offset = -self.z_transposed.row(column_of(sensor, term)).transpose();
-        solve_upper(link.factor(), &mut by_offset);
-        by_offset
+    /// ∂x_n/∂g when `link` is the newest: how far the state is off per unit of an error.
+    pub fn state_by_error(&self, link: &Link<DIM>, error: usize, term: usize) -> BlockVector<DIM> {
+        let mut by_error = -self.z_transposed.row(column_of(error, term)).transpose();
+        solve_upper(link.factor(), &mut by_error);
+        by_error
     }
 }
 
@@ -155,12 +148,12 @@ pub enum Before<'a> {
     Link(&'a Columns, &'a Link<DIM>, Duration),
 }
 
-/// What is known of an offset: its information, 1/s², and the right side; their quotient is the offset, s.
+/// What is known of an error: its information, one over its unit squared, and the right side; their quotient is the error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct OffsetScore {
-    /// 1/s².
+pub struct Score {
+    /// One over the unit squared.
     pub information: f64,
-    /// 1/s.
+    /// One over the unit.
     pub right: f64,
 }
 
@@ -172,16 +165,13 @@ impl ColumnPrior {
         columns.z_transposed *= m;
     }
 
-    /// Takes an offset of `by` s, as one memory has it, out of the prior's readings of a sensor; `right` is the right side
-    /// of the states' prior.
-    pub fn shift(&mut self, sensor: usize, term: usize, by: f64, right: &mut BlockVector<DIM>) {
+    /// Takes an error of `by`, as one memory has it, out of the prior's readings; `right` is the right side of the states'
+    /// prior.
+    pub fn shift(&mut self, error: usize, term: usize, by: f64, right: &mut BlockVector<DIM>) {
         let columns = &mut self.0;
-        let column = column_of(sensor, term);
+        let column = column_of(error, term);
         *right -= columns.z_transposed.row(column).transpose() * by;
-        for other in 0..TERMS {
-            let information = if other == term { columns.information[column] } else { columns.crossed[sensor] };
-            columns.right[column_of(sensor, other)] -= information * by;
-        }
+        columns.right -= columns.information.column(column) * by;
     }
 }
 
@@ -192,11 +182,13 @@ mod tests {
 
     const LINKS: usize = 5;
     const SENSOR: usize = 2;
+    /// A calibration.
+    const OTHER: usize = 6;
 
     struct Chain {
         links: Vec<Link<DIM>>,
         columns: Vec<Columns>,
-        own: Vec<[Slope; AIDING.len()]>,
+        own: Vec<Slopes>,
         times: [f64; LINKS],
     }
 
@@ -206,7 +198,7 @@ mod tests {
 
     fn chain() -> Chain {
         let mut links = vec![Link::<DIM>::default(); LINKS];
-        let mut own = vec![[Slope::NONE; AIDING.len()]; LINKS];
+        let mut own = vec![Slopes::default(); LINKS];
         for k in 0..LINKS {
             let raw = Block::<DIM>::from_fn(|i, j| noise(1 + k * 1000 + i * 15 + j));
             links[k].diagonal = raw * raw.transpose() + Block::identity() * 20.0;
@@ -214,11 +206,13 @@ mod tests {
             if k + 1 < LINKS {
                 links[k].next_transposed = Block::from_fn(|i, j| noise(500 + k * 999 + i + 15 * j));
             }
-            own[k][SENSOR] = Slope {
-                coupling: BlockVector::from_fn(|i, _| 3.0 * noise(9 + 17 * k + i)),
-                information: 40.0 + k as f64,
-                right: 5.0 * noise(k + 3),
-            };
+            for (error, sign) in [(SENSOR, 1.0), (OTHER, -1.0)] {
+                own[k].coupling[error] = BlockVector::from_fn(|i, _| 3.0 * noise(9 + 17 * k + i + 5 * error));
+                own[k].information[(error, error)] = 40.0 + k as f64;
+                own[k].right[error] = 5.0 * sign * noise(k + 3);
+            }
+            own[k].information[(SENSOR, OTHER)] = 3.0;
+            own[k].information[(OTHER, SENSOR)] = 3.0;
         }
         Chain { links, columns: vec![Columns::default(); LINKS], own, times: [0.0, 1.0, 2.2, 3.1, 4.6] }
     }
@@ -239,7 +233,7 @@ mod tests {
         }
 
         /// (S, s, ∂x_n/∂τ) of the offset alone, through the dense matrix.
-        fn dense(&self, term: usize) -> (f64, f64, DVector<f64>) {
+        fn dense(&self, error: usize, term: usize) -> (f64, f64, DVector<f64>) {
             let n = DIM * LINKS;
             let mut matrix = DMatrix::zeros(n, n);
             let (mut right, mut coupling) = (DVector::zeros(n), DVector::zeros(n));
@@ -252,11 +246,11 @@ mod tests {
                     matrix.view_mut((k * DIM, (k + 1) * DIM), (DIM, DIM)).copy_from(&next.transpose());
                 }
                 let share = fading(Duration::from_seconds(self.times[LINKS - 1] - self.times[k]), term);
-                let own = &self.own[k][SENSOR];
+                let own = &self.own[k];
                 right.rows_mut(k * DIM, DIM).copy_from(&self.links[k].right);
-                coupling.rows_mut(k * DIM, DIM).copy_from(&(own.coupling * share));
-                information += share * share * own.information;
-                score += share * own.right;
+                coupling.rows_mut(k * DIM, DIM).copy_from(&(own.coupling[error] * share));
+                information += share * share * own.information[(error, error)];
+                score += share * own.right[error];
             }
             let inverse = matrix.try_inverse().expect("regular");
             let by_offset = -(&inverse * &coupling);
@@ -269,12 +263,12 @@ mod tests {
 
         #[track_caller]
         fn assert_equals_dense(&self) {
-            for term in 0..TERMS {
-                let (information, right, by_offset) = self.dense(term);
-                let score = self.columns[LINKS - 1].of(SENSOR)[term];
+            for (error, term) in [(SENSOR, 0), (SENSOR, 1), (OTHER, 0), (OTHER, 1)] {
+                let (information, right, by_offset) = self.dense(error, term);
+                let score = self.columns[LINKS - 1].of(error)[term];
                 assert!((score.information - information).abs() < 1e-10, "{} {information}", score.information);
                 assert!((score.right - right).abs() < 1e-11, "{} {right}", score.right);
-                let ours = self.columns[LINKS - 1].state_by_offset(&self.links[LINKS - 1], SENSOR, term);
+                let ours = self.columns[LINKS - 1].state_by_error(&self.links[LINKS - 1], error, term);
                 assert!((ours - by_offset).amax() < 1e-12);
             }
         }
@@ -312,12 +306,12 @@ mod tests {
         // As the prior of a last keyframe that has nothing of its own: τ̂ is s/S of its f and x.
         let columns = prior.0.clone();
         let (column, other) = (column_of(SENSOR, term), column_of(SENSOR, 0));
-        let found = columns.right[column] / columns.information[column];
+        let found = columns.right[column] / columns.information[(column, column)];
         let mut right = BlockVector::zeros();
         prior.shift(SENSOR, term, found, &mut right);
         assert!(prior.0.right[column].abs() < 1e-12);
         assert!((right + columns.z_transposed.row(column).transpose() * found).amax() < 1e-15);
-        let expected = columns.right[other] - columns.crossed[SENSOR] * found;
+        let expected = columns.right[other] - columns.information[(column, other)] * found;
         assert!((prior.0.right[other] - expected).abs() < 1e-15);
     }
 }

@@ -20,8 +20,8 @@ use nav_models::state::NavState;
 use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
-    AIDING, AnchorMethod, Config, Duration, FgoConfig, Header, KeyframeReport, Measurement, NavEstimate, Reading,
-    RejectReason, Sensor, SensorCounts, Solution, SolutionStatus, Time,
+    AIDING, AnchorMethod, CALIBRATIONS, Config, Duration, FgoConfig, Header, KeyframeReport, Measurement, NavEstimate,
+    Reading, RejectReason, Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
@@ -31,7 +31,6 @@ use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes, loosenin
 use crate::rows::DIM;
 use crate::smoother::{self, Smoothed};
 use crate::ties::{Closing, Pending, Ties, place};
-use crate::time_offsets::Move;
 use crate::window::{SolveReport, Window};
 
 /// Samples kept for an initialisation that looks back.
@@ -73,7 +72,9 @@ impl FgoEstimator {
         let mut config = config.clone();
         if config.navigator.keyframes.anchor == AnchorMethod::Joint {
             // The columns beside the chain know nothing of the readings that are in an interval's factor.
-            config.navigator.sensors.iter_mut().for_each(|sensor| sensor.time_offset = sensor.time_offset.as_given());
+            for sensor in &mut config.navigator.sensors {
+                (sensor.time_offset, sensor.calibrate) = (sensor.time_offset.as_given(), false);
+            }
         }
         FgoEstimator {
             imu: ImuModel { noise: config.vehicle.imu.clone(), gate: config.navigator.imu },
@@ -132,7 +133,10 @@ impl FgoEstimator {
         self.solutions = solution.id + 1;
         self.ties.counts = solution.counts;
         self.ties.t_last_used = solution.t_last_used.map(Time);
-        self.ties.offsets.resume(&solution.time_offset, &solution.time_offset_sigma);
+        self.ties.systematics.resume(
+            [&solution.time_offset, &solution.time_offset_sigma],
+            [&solution.calibration, &solution.calibration_sigma],
+        );
         true
     }
 
@@ -148,7 +152,12 @@ impl FgoEstimator {
 
     /// How much too late each [`AIDING`] sensor's stamps are taken to be, and the sigmas of that, s.
     pub fn time_offsets(&self) -> ([f64; AIDING.len()], [f64; AIDING.len()]) {
-        self.ties.offsets.published()
+        self.ties.systematics.time_offsets()
+    }
+
+    /// What each of [`CALIBRATIONS`] is found to be off by, and the sigmas of that.
+    pub fn calibrations(&self) -> ([f64; CALIBRATIONS.len()], [f64; CALIBRATIONS.len()]) {
+        self.ties.systematics.calibrations()
     }
 
     /// Solves everything in the window as one batch, in at most `max_passes` linearisations, and leaves the window at the
@@ -322,11 +331,9 @@ impl FgoEstimator {
         let mut moved = false;
         if !solve.damped {
             window.sweep_columns();
-            for sensor in 0..AIDING.len() {
-                if let Some(Move { by, term }) = self.ties.offsets.judge(sensor, window.time_offset(sensor), t - last) {
-                    window.shift(sensor, term, by, &self.history, &self.imu);
-                    moved = true;
-                }
+            if let Some(correction) = self.ties.systematics.judge(|error| window.score(error), t - last) {
+                window.correct(&correction, &self.history, &self.imu);
+                moved = true;
             }
         }
         if moved {
@@ -348,9 +355,9 @@ impl FgoEstimator {
             }
             self.realignment.cover(&newest.state, &mut self.newest_covariance);
         }
-        for (sensor, term, variance) in self.ties.offsets.to_cover() {
-            let by_offset = window.state_by_offset(sensor, term);
-            self.newest_covariance += by_offset * by_offset.transpose() * variance;
+        for (error, term, variance) in self.ties.systematics.to_cover() {
+            let by_error = window.state_by_error(error, term);
+            self.newest_covariance += by_error * by_error.transpose() * variance;
         }
         self.report.cost[1] = window.measurement_cost();
         let oldest = self.earlier.first().unwrap_or(&*window).nodes().front();
@@ -385,8 +392,10 @@ impl FgoEstimator {
             covariance: [[0.0; DIM]; DIM],
             t_last_used: self.ties.t_last_used.map(|t| t.0),
             counts: self.ties.counts,
-            time_offset: self.ties.offsets.published().0,
-            time_offset_sigma: self.ties.offsets.published().1,
+            time_offset: self.time_offsets().0,
+            time_offset_sigma: self.time_offsets().1,
+            calibration: self.calibrations().0,
+            calibration_sigma: self.calibrations().1,
             cost: self.report.cost[1],
             keyframes: 0,
             iterations: solve.passes,
@@ -452,7 +461,7 @@ impl Estimator for FgoEstimator {
                 Ok(None)
             }
             _ => {
-                let offset = place(measurement).map_or(Duration::ZERO, |sensor| self.ties.offsets.of(sensor));
+                let offset = place(measurement).map_or(Duration::ZERO, |sensor| self.ties.systematics.offset(sensor));
                 self.open.want(measurement.t_valid() - offset, &self.imu);
                 self.pending.push((*measurement, reading));
                 Ok(None)

@@ -3,11 +3,11 @@
 //! `models` says what a sensor sees and how a keyframe's state is carried to the reading's own time; here the two meet,
 //! are whitened once (the inflated covariance is frozen after the first evaluation, §3.1 of the method) and become rows.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SMatrix;
 use nav_models::anchored::{Anchored, SensorModel};
 use nav_models::preintegration::{ImuPoint, Increment, Piece};
 pub use nav_models::row::MeasuredRows;
-use nav_models::row::{ROWS_MAX, Unusable, inverse_root};
+use nav_models::row::{ROWS_MAX, SLOTS, Unusable, inverse_root};
 pub use nav_models::sensors::Model;
 use nav_models::state::NavState;
 use nav_models::world::WorldModel;
@@ -34,17 +34,17 @@ pub struct Factor {
     pub buoy: u32,
     /// L⁻¹ with Λ = LLᵀ, from [`Factor::whiten`] on; the upper left corner counts.
     whitening: SMatrix<f64, ROWS_MAX, ROWS_MAX>,
-    /// Whitened change with its stamp's offset, as [`Row::slope`]; frozen with the whitening.
-    slope: SVector<f64, ROWS_MAX>,
+    /// Whitened change with its systematic errors, as [`nav_models::row::Row::slopes`]; frozen with the whitening.
+    slopes: SMatrix<f64, ROWS_MAX, SLOTS>,
 }
 
-/// How a reading's stamp may be wrong.
+/// How a reading may be systematically wrong.
 #[derive(Clone, Copy, Debug)]
-pub struct Stamp {
-    /// The IMU sample at the reading.
-    pub point: ImuPoint,
-    /// 1-sigma of what its time may be off by, s.
-    pub sigma: f64,
+pub struct Doubts {
+    /// The IMU sample at the reading; `None` where nobody asks whether its stamp is right.
+    pub point: Option<ImuPoint>,
+    /// 1-sigma of each error, as [`nav_models::row::SLOTS`] counts them, that its covariance has to cover.
+    pub sigmas: [f64; SLOTS],
 }
 
 /// A reading that is not whitened. Rows that the sensor does not have are zero, of unit variance: they say nothing.
@@ -81,7 +81,7 @@ impl Factor {
             offset_sigma: 0.0,
             buoy: 0,
             whitening: SMatrix::zeros(),
-            slope: SVector::zeros(),
+            slopes: SMatrix::zeros(),
         }
     }
 
@@ -113,7 +113,7 @@ impl Factor {
     }
 
     /// Whitens it by its own noise and that of `piece`, from its keyframe to its time (`None` at the keyframe itself), for
-    /// as long as it lives; returns its rows. With a `stamp` that may be wrong its covariance covers that.
+    /// as long as it lives; returns its rows. Its covariance covers `doubts`.
     ///
     /// # Errors
     /// [`Unusable`]: the covariance is singular or a number is not finite.
@@ -121,15 +121,15 @@ impl Factor {
         &mut self,
         linearised: &NavState,
         piece: Option<&Piece<'_>>,
-        stamp: Option<&Stamp>,
+        doubts: Option<&Doubts>,
         world: &WorldModel,
     ) -> Result<MeasuredRows, Unusable> {
         match self.model {
-            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, stamp, world),
-            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, stamp, world),
-            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, stamp, world),
-            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, stamp, world),
-            Model::Ps(model) => self.whiten_as(&model, linearised, piece, stamp, world),
+            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, doubts, world),
+            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, doubts, world),
+            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, doubts, world),
+            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, doubts, world),
+            Model::Ps(model) => self.whiten_as(&model, linearised, piece, doubts, world),
         }
     }
 
@@ -138,21 +138,28 @@ impl Factor {
         model: &impl SensorModel<ROWS>,
         linearised: &NavState,
         piece: Option<&Piece<'_>>,
-        stamp: Option<&Stamp>,
+        doubts: Option<&Doubts>,
         world: &WorldModel,
     ) -> Result<MeasuredRows, Unusable> {
         let anchored = self.anchored(model, linearised, world);
         let mut covariance = piece.map_or(anchored.covariance, |piece| anchored.inflated_covariance(piece));
-        let mut slope = SVector::<f64, ROWS>::zeros();
-        if let Some(stamp) = stamp {
-            slope = -anchored.rate(linearised, self.increment.as_ref(), &stamp.point, world);
-            covariance += slope * slope.transpose() * (stamp.sigma * stamp.sigma);
+        let mut slopes = SMatrix::<f64, ROWS, SLOTS>::zeros();
+        if let Some(doubts) = doubts {
+            if let Some(point) = &doubts.point {
+                slopes.set_column(0, &-anchored.rate(linearised, self.increment.as_ref(), point, world));
+            }
+            slopes.set_column(1, &model.calibration_jacobian(&anchored.residual));
+            for (slope, sigma) in slopes.column_iter().zip(doubts.sigmas) {
+                if sigma > 0.0 {
+                    covariance += slope * slope.transpose() * (sigma * sigma);
+                }
+            }
         }
         let whitening = inverse_root(&covariance).ok_or(Unusable)?;
         self.whitening = SMatrix::zeros();
         self.whitening.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
-        self.slope = SVector::zeros();
-        self.slope.fixed_rows_mut::<ROWS>(0).copy_from(&(whitening * slope));
+        self.slopes = SMatrix::zeros();
+        self.slopes.fixed_rows_mut::<ROWS>(0).copy_from(&(whitening * slopes));
         self.whitened(&anchored)
     }
 
@@ -204,7 +211,7 @@ impl Factor {
 
     fn whitened<const ROWS: usize>(&self, anchored: &Anchored<ROWS>) -> Result<MeasuredRows, Unusable> {
         let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
-        MeasuredRows::whitened(anchored, &whitening, &self.slope.fixed_rows::<ROWS>(0).into_owned())
+        MeasuredRows::whitened(anchored, &whitening, &self.slopes.fixed_rows::<ROWS>(0).into_owned())
     }
 
     /// Evaluates the first group of `factors` anew and appends its rows. Returns how many factors the group has.

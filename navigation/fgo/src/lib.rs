@@ -12,7 +12,7 @@
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
 //! | `realignment.rs` | what if the heading itself is wrong? |
-//! | `columns.rs`, `time_offsets.rs` | are a sensor's stamps right? |
+//! | `columns.rs`, `systematic.rs` | are a sensor's stamps right, and is it calibrated? |
 //! | `chain.rs` | the block-tridiagonal solve |
 //!
 //! How probable a measurement is and how much it counts (`innovation`, `robust`, `judging`), and whether it is the state that
@@ -29,8 +29,8 @@ mod node;
 mod realignment;
 mod rows;
 mod smoother;
+mod systematic;
 mod ties;
-mod time_offsets;
 mod window;
 
 pub use batch::BatchReport;

@@ -16,6 +16,7 @@ use crate::joint::Between;
 use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed, dot};
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Rows};
+use crate::systematic::{STAMPS, sensor_of};
 
 /// A state further than this from its linearisation point is linearised anew (§4.3): the ranges' curvature over 0.3 m
 /// and the attitude's over 2 mrad stay below a tenth of a millimetre.
@@ -60,7 +61,7 @@ pub struct Node {
     pub between: Between,
     /// Its place in the chain.
     pub link: Link<DIM>,
-    /// The time offsets' columns beside it.
+    /// The columns of the systematic errors beside it.
     pub columns: Columns,
     /// The step that older states were last told of.
     carried: BlockVector<DIM>,
@@ -334,12 +335,17 @@ impl Node {
         }
     }
 
-    /// Takes an offset of `by` s out of the stamps of a sensor's measurements. Those whose new time the samples do not
-    /// reach keep their place.
-    pub fn shift(&mut self, sensor: usize, by: Duration, history: &ImuHistory, imu: &ImuModel, world: &WorldModel) {
+    /// Takes a systematic error of `by` of its unit out of the measurements that have it. Those whose stamps are moved beyond
+    /// the samples keep their place.
+    pub fn correct(&mut self, error: usize, by: f64, history: &ImuHistory, imu: &ImuModel, world: &WorldModel) {
         let (accel_bias, gyro_bias) = (self.linearised.accel_bias, self.linearised.gyro_bias);
+        let sensor = sensor_of(error);
         for factor in self.factors.iter_mut().filter(|factor| factor.place() == sensor) {
-            let t = factor.t - by;
+            if error >= STAMPS {
+                factor.model.correct(by);
+                continue;
+            }
+            let t = factor.t - Duration::from_seconds(by);
             if let (Some(piece), Some(point)) =
                 (history.integrate(self.t, t, &accel_bias, &gyro_bias, imu), history.at(t))
             {

@@ -7,12 +7,14 @@
 //! `W = Σ⁻¹ − Σ⁻¹1 1ᵀΣ⁻¹ / (σ_d⁻² + 1ᵀΣ⁻¹1)` (§3.2 of the method): the sum over rows less a rank-one part.
 //! σ_d = 0 makes them single rows, σ_d = ∞ is identical to range differences against any reference buoy.
 
-pub use nav_models::row::Row;
+use nalgebra::SMatrix;
+pub use nav_models::row::{Row, SLOTS};
 pub use nav_models::state::ERROR_DIM as DIM;
-use shared_types::{AIDING, Kernel};
+use shared_types::Kernel;
 
 use crate::kernels::{Block, BlockVector};
 use crate::robust::{Losses, credited_weight};
+use crate::systematic::{ERRORS, errors_of};
 
 /// Rows that are weighted together or share an offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,28 +38,26 @@ struct Span {
     first: usize,
     end: usize,
     group: Group,
-    /// Place of the sensor in [`AIDING`].
+    /// Place of the sensor in [`shared_types::AIDING`].
     sensor: usize,
 }
 
-/// A sensor's time offset τ in the normal equations of one keyframe: [JᵀWJ, F; Fᵀ, S] and the right side of τ.
+/// The [systematic errors](crate::systematic) g in the normal equations of one keyframe: [JᵀWJ, F; Fᵀ, S] and the right side
+/// of g.
 #[derive(Clone, Copy, Debug)]
-pub struct Slope {
-    /// F = JᵀWd.
-    pub coupling: BlockVector<DIM>,
-    /// S = dᵀWd.
-    pub information: f64,
-    /// −dᵀWr.
-    pub right: f64,
+pub struct Slopes {
+    /// F = JᵀWd of each.
+    pub coupling: [BlockVector<DIM>; ERRORS],
+    /// S = dᵀWd of each with each.
+    pub information: SMatrix<f64, ERRORS, ERRORS>,
+    /// −dᵀWr of each.
+    pub right: [f64; ERRORS],
 }
 
-impl Slope {
-    /// No reading.
-    pub const NONE: Slope = Slope {
-        coupling: BlockVector::<DIM>::from_array_storage(nalgebra::ArrayStorage([[0.0; DIM]])),
-        information: 0.0,
-        right: 0.0,
-    };
+impl Default for Slopes {
+    fn default() -> Self {
+        Slopes { coupling: [BlockVector::zeros(); ERRORS], information: SMatrix::zeros(), right: [0.0; ERRORS] }
+    }
 }
 
 /// All rows tied to one keyframe.
@@ -77,7 +77,7 @@ impl Rows {
         self.steepest = BlockVector::zeros();
     }
 
-    /// Appends a group of the sensor at this place in [`AIDING`].
+    /// Appends a group of the sensor at this place in [`shared_types::AIDING`].
     pub fn push(&mut self, sensor: usize, group: Group, rows: &[Row]) {
         self.open(sensor, group);
         self.extend(rows);
@@ -143,34 +143,25 @@ impl Rows {
         add_scaled(right, &direction, mean / total);
     }
 
-    /// The normal equations' part of each sensor's time offset.
+    /// The normal equations' part of each [systematic error](crate::systematic).
     #[inline(always)]
-    pub fn assemble_slopes(&self) -> [Slope; AIDING.len()] {
-        let mut slopes = [Slope::NONE; AIDING.len()];
+    pub fn assemble_slopes(&self) -> Slopes {
+        let mut slopes = Slopes::default();
         for span in &self.spans {
-            let slope = &mut slopes[span.sensor];
             let rows = &self.rows[span.first..span.end];
+            let errors = errors_of(span.sensor);
             for row in rows {
-                let weighted = row.weight * row.slope;
-                add_scaled(&mut slope.coupling, &row.jacobian, weighted);
-                slope.information += weighted * row.slope;
-                slope.right -= weighted * row.residual;
+                for &(slot, error) in errors {
+                    let weighted = row.weight * row.slopes[slot];
+                    add_scaled(&mut slopes.coupling[error], &row.jacobian, weighted);
+                    slopes.right[error] -= weighted * row.residual;
+                    for &(other_slot, other) in errors {
+                        slopes.information[(other, error)] += weighted * row.slopes[other_slot];
+                    }
+                }
             }
             if let Group::CommonOffset { sigma, .. } = span.group {
-                let mut total = 1.0 / (sigma * sigma);
-                let (mut mean_slope, mut mean) = (0.0, 0.0);
-                for row in rows {
-                    let share = row.weight * row.inverse_sigma;
-                    total += share * row.inverse_sigma;
-                    mean_slope += share * row.slope;
-                    mean += share * row.residual;
-                }
-                for row in rows {
-                    let share = row.weight * row.inverse_sigma;
-                    add_scaled(&mut slope.coupling, &row.jacobian, -share * mean_slope / total);
-                }
-                slope.information -= mean_slope * mean_slope / total;
-                slope.right += mean_slope * mean / total;
+                subtract_offset_of_slopes(rows, sigma, errors, &mut slopes);
             }
         }
         slopes
@@ -249,6 +240,30 @@ impl Rows {
     }
 }
 
+#[inline(always)]
+fn subtract_offset_of_slopes(rows: &[Row], sigma: f64, errors: &[(usize, usize)], slopes: &mut Slopes) {
+    let mut total = 1.0 / (sigma * sigma);
+    let (mut mean_slopes, mut mean) = ([0.0; SLOTS], 0.0);
+    for row in rows {
+        let share = row.weight * row.inverse_sigma;
+        total += share * row.inverse_sigma;
+        mean += share * row.residual;
+        for (sum, slope) in mean_slopes.iter_mut().zip(row.slopes) {
+            *sum += share * slope;
+        }
+    }
+    for &(slot, error) in errors {
+        let mean_slope = mean_slopes[slot] / total;
+        for row in rows {
+            add_scaled(&mut slopes.coupling[error], &row.jacobian, -row.weight * row.inverse_sigma * mean_slope);
+        }
+        slopes.right[error] += mean_slope * mean;
+        for &(other_slot, other) in errors {
+            slopes.information[(other, error)] -= mean_slope * mean_slopes[other_slot];
+        }
+    }
+}
+
 /// target += Σ w j jᵀ, column by column: a column stays in registers while all rows pass.
 #[inline(always)]
 fn add_gram(target: &mut Block<DIM>, rows: &[Row]) {
@@ -300,7 +315,7 @@ mod tests {
                 residual: residual[i] / SIGMAS[i],
                 inverse_sigma: 1.0 / SIGMAS[i],
                 weight: 1.0,
-                slope: (i as f64 - 1.3) / SIGMAS[i],
+                slopes: [(i as f64 - 1.3) / SIGMAS[i], 0.0],
             })
             .collect();
         (jacobian, residual, rows)
@@ -358,15 +373,15 @@ mod tests {
         let (_, _, rows) = epoch();
         let mut block = Rows::default();
         block.push(2, Group::CommonOffset { kernel: Kernel::None, sigma }, &rows);
-        let slope = block.assemble_slopes()[2];
+        let slopes = block.assemble_slopes();
         let (jacobian, residual, _) = epoch();
         let d = DVector::from_fn(4, |i, _| i as f64 - 1.3);
         let covariance =
             DMatrix::from_fn(4, 4, |i, j| sigma * sigma + if i == j { SIGMAS[i] * SIGMAS[i] } else { 0.0 });
         let w = covariance.cholesky().expect("positive definite").inverse();
-        assert!((slope.coupling - jacobian.transpose() * &w * &d).amax() < 1e-11);
-        assert!((slope.information - d.dot(&(&w * &d))).abs() < 1e-11);
-        assert!((slope.right + d.dot(&(&w * residual))).abs() < 1e-11);
+        assert!((slopes.coupling[2] - jacobian.transpose() * &w * &d).amax() < 1e-11);
+        assert!((slopes.information[(2, 2)] - d.dot(&(&w * &d))).abs() < 1e-11);
+        assert!((slopes.right[2] + d.dot(&(&w * residual))).abs() < 1e-11);
     }
 
     #[test]

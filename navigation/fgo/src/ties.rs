@@ -12,11 +12,11 @@ use shared_types::{
     SensorCounts, Time,
 };
 
-use crate::factor::{Factor, MeasuredRows, Model, Stamp};
+use crate::factor::{Doubts, Factor, MeasuredRows, Model};
 use crate::interval::{ImuHistory, ImuModel, OpenInterval};
 use crate::kernels::Block;
 use crate::rows::DIM;
-use crate::time_offsets::TimeOffsets;
+use crate::systematic::{Systematics, errors_of};
 use crate::window::Window;
 
 /// A reading that waits for its keyframe.
@@ -72,8 +72,8 @@ pub struct Ties {
     epoch: Vec<Evaluated>,
     epoch_factors: Vec<Factor>,
     epoch_rows: Vec<Row>,
-    /// How late each sensor's stamps are.
-    pub offsets: TimeOffsets,
+    /// What is systematically wrong with each sensor's readings.
+    pub systematics: Systematics,
     /// Room for a piece that has to be integrated.
     side: Preintegration,
     /// Used and refused since the start.
@@ -91,7 +91,7 @@ impl Ties {
             epoch: Vec::with_capacity(EPOCH_MAX),
             epoch_factors: Vec::with_capacity(EPOCH_MAX),
             epoch_rows: Vec::with_capacity(EPOCH_MAX),
-            offsets: TimeOffsets::new(config.navigator.sensors.map(|sensor| sensor.time_offset)),
+            systematics: Systematics::new(&config.navigator.sensors),
             side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
             counts: [SensorCounts::default(); SENSORS.len()],
             t_last_used: [Time::MIN; AIDING.len()],
@@ -118,7 +118,7 @@ impl Ties {
     /// Forgets what was concluded from a state that was wrong.
     pub fn begin_anew(&mut self) {
         self.judges = Judges::default();
-        self.offsets = TimeOffsets::new(self.config.navigator.sensors.map(|sensor| sensor.time_offset));
+        self.systematics = Systematics::new(&self.config.navigator.sensors);
     }
 
     /// Counts a refusal.
@@ -129,7 +129,7 @@ impl Ties {
     /// Puts the readings that were taken up to `t` first, in their order, and says how many they are.
     pub fn sort_out(&self, pending: &mut [Pending], t: Time) -> usize {
         let is_later = |(measurement, _): &Pending| {
-            place(measurement).is_some_and(|place| measurement.t_valid() - self.offsets.of(place) > t)
+            place(measurement).is_some_and(|place| measurement.t_valid() - self.systematics.offset(place) > t)
         };
         let mut ready = 0;
         for index in 0..pending.len() {
@@ -226,7 +226,7 @@ impl Ties {
         let world = window.world();
         let vehicle = &self.config.vehicle;
         let place = place(measurement).ok_or(RejectReason::Malformed)?;
-        let t = measurement.t_valid() - self.offsets.of(place);
+        let t = measurement.t_valid() - self.systematics.offset(place);
         let node = &window.nodes()[index];
         let side = &mut self.side;
         let piece = piece_to(t, index, window, closing, side)?;
@@ -235,7 +235,10 @@ impl Ties {
             let gyro_body = closing.history.at(t)?.gyro_body;
             Some(GyroAt { gyro_body, dt_imu: closing.history.sampling_period_at(t).as_seconds() })
         };
-        let model = Model::of(reading, vehicle, &node.state, world, gyro)?;
+        let mut model = Model::of(reading, vehicle, &node.state, world, gyro)?;
+        for &(_, error) in &errors_of(place)[1..] {
+            model.correct(self.systematics.of(error));
+        }
         let mut factor = Factor::new(t, model, increment, Kernel::None);
         let sensor = factor.sensor();
         if let Some(config) = self.config.navigator.sensor(sensor) {
@@ -244,10 +247,10 @@ impl Ties {
         if let Reading::Lbl { buoy, epoch, .. } = *reading {
             factor = factor.of_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
         }
-        let stamp =
-            self.offsets.sigma(place).and_then(|sigma| closing.history.at(t).map(|point| Stamp { point, sigma }));
+        let point = if self.systematics.is_estimated(place) { closing.history.at(t) } else { None };
+        let doubts = Doubts { point, sigmas: self.systematics.sigmas(place) };
         let rows = factor
-            .whiten(&node.linearised, piece.as_ref(), stamp.as_ref(), world)
+            .whiten(&node.linearised, piece.as_ref(), Some(&doubts), world)
             .map_err(|_| RejectReason::NotFinite)?;
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
         let covariance =
@@ -260,15 +263,15 @@ impl Ties {
     fn judge(&mut self, sensor: Sensor, report: &mut KeyframeReport) {
         let (Some(first), Some(config)) = (self.epoch.first(), self.config.navigator.sensor(sensor)) else { return };
         let (shares_offset, t) = (first.factor.shares_offset(), first.factor.t);
-        let (offsets, counts) = (&mut self.offsets, &mut self.counts[sensor.index()]);
+        let (systematics, counts) = (&mut self.systematics, &mut self.counts[sensor.index()]);
         let mut t_newest = Time::MIN;
         self.judges.judge(sensor, config, shares_offset, t, &mut self.epoch, |candidate, verdict| {
             let (place, components) = (candidate.factor.place(), candidate.factor.components());
-            offsets.observe(place, &candidate.innovation, components, verdict.weight);
+            systematics.observe(place, &candidate.innovation, components, verdict.weight);
             list_candidate(report, candidate, verdict);
             if verdict.refused {
                 counts.rejected[RejectReason::Gated.index()] += 1;
-                offsets.observe_refused(place, &candidate.innovation, verdict.weight);
+                systematics.observe_refused(place, &candidate.innovation, verdict.weight);
             } else {
                 counts.used += 1;
                 t_newest = t_newest.max(candidate.factor.t);

@@ -17,16 +17,17 @@ use nav_models::state::{ATTITUDE, NavState};
 use nav_models::transport::transport;
 use nav_models::wide;
 use nav_models::world::WorldModel;
-use shared_types::{Duration, FgoConfig, Time};
+use shared_types::{FgoConfig, Time};
 
 use crate::chain::Marginal;
-use crate::columns::{Before, ColumnPrior, OffsetScore, TERMS, fading};
+use crate::columns::{Before, ColumnPrior, Score, TERMS, fading};
 use crate::factor::{Factor, MeasuredRows};
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{Block, BlockVector, NotPositiveDefinite, cholesky, inverse_from_cholesky, solve_lower};
 use crate::node::{Node, lengths};
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Row};
+use crate::systematic::Correction;
 
 /// Weights that differ by less are left alone (§4.3: 0.03 costs three times the work for the same error).
 const WEIGHT_TOLERANCE: f64 = 0.1;
@@ -38,7 +39,7 @@ const PRIOR_POSITION: f64 = 10.0;
 const PRIOR_VELOCITY: f64 = 1.0;
 /// Keyframes for which room is made beforehand; only a batch has more.
 const WINDOW_RESERVED: usize = 512;
-/// Readings of which less than this share of an offset would be taken keep their stamps.
+/// Readings of which less than this share of an error would be taken stay as they are.
 const SHIFT_SHARE_MIN: f64 = 1e-3;
 /// Damping tried in turn when the information does not determine a state.
 const DAMPINGS: [f64; 5] = [0.0, 1e-9, 1e-7, 1e-5, 1e-3];
@@ -74,7 +75,7 @@ pub struct Window {
     is_joint: bool,
     /// First link whose blocks changed since the last sweep.
     dirty: usize,
-    /// First link that was swept since the time offsets' columns were.
+    /// First link that was swept since the columns of the systematic errors were.
     columns_behind: usize,
     /// First keyframe that moved or was measured since its cost was summed.
     uncounted: usize,
@@ -417,16 +418,17 @@ impl Window {
         self.column_prior.carry(step, &carry);
     }
 
-    /// Takes an offset of `by` s out of a sensor's stamps, less of it the older they are, as one memory of `columns` has it;
-    /// the next solve is over the whole window.
-    pub fn shift(&mut self, sensor: usize, term: usize, by: f64, history: &ImuHistory, imu: &ImuModel) {
+    /// Takes a systematic error out of the readings, less of it the older they are, as one memory of `columns` has it; the
+    /// next solve is over the whole window.
+    pub fn correct(&mut self, correction: &Correction, history: &ImuHistory, imu: &ImuModel) {
+        let Correction { error, by, term } = *correction;
         let Some(newest) = self.nodes.back().map(|node| node.t) else { return };
         let world = self.world;
         for (index, node) in self.nodes.iter_mut().enumerate() {
             let share = fading(newest - node.t, term);
             // Only a batch reaches that far back.
             if share > SHIFT_SHARE_MIN {
-                node.shift(sensor, Duration::from_seconds(by * share), history, imu, &world);
+                node.correct(error, by * share, history, imu, &world);
                 self.dirty = self.dirty.min(index);
                 self.uncounted = self.uncounted.min(index);
             }
@@ -434,12 +436,12 @@ impl Window {
         if let Some(oldest) = self.nodes.front() {
             let share = fading(newest - oldest.t, term);
             if share > SHIFT_SHARE_MIN {
-                self.column_prior.shift(sensor, term, by * share, &mut self.prior.right);
+                self.column_prior.shift(error, term, by * share, &mut self.prior.right);
             }
         }
     }
 
-    /// Brings the time offsets' columns to the last solve.
+    /// Brings the columns of the systematic errors to the last solve.
     pub fn sweep_columns(&mut self) {
         let nodes = self.nodes.make_contiguous();
         for index in self.columns_behind..nodes.len() {
@@ -453,16 +455,16 @@ impl Window {
         self.columns_behind = nodes.len();
     }
 
-    /// What each memory says of a sensor's time offset, as of [`Window::sweep_columns`].
-    pub fn time_offset(&self, sensor: usize) -> [OffsetScore; TERMS] {
-        self.nodes.back().map_or([OffsetScore::default(); TERMS], |newest| newest.columns.of(sensor))
+    /// What each memory says of a systematic error, as of [`Window::sweep_columns`].
+    pub fn score(&self, error: usize) -> [Score; TERMS] {
+        self.nodes.back().map_or([Score::default(); TERMS], |newest| newest.columns.of(error))
     }
 
-    /// How far the newest state is off per s of a sensor's time offset.
-    pub fn state_by_offset(&self, sensor: usize, term: usize) -> BlockVector<DIM> {
+    /// How far the newest state is off per unit of a systematic error.
+    pub fn state_by_error(&self, error: usize, term: usize) -> BlockVector<DIM> {
         self.nodes
             .back()
-            .map_or(BlockVector::zeros(), |newest| newest.columns.state_by_offset(&newest.link, sensor, term))
+            .map_or(BlockVector::zeros(), |newest| newest.columns.state_by_error(&newest.link, error, term))
     }
 
     /// Brings everything to the estimate: states that are too far from their linearisation points (all of them if

@@ -73,7 +73,7 @@ mod tests {
                 residual: residual[i] / SIGMAS[i],
                 inverse_sigma: 1.0 / SIGMAS[i],
                 weight: 1.0,
-                slope: 0.0,
+                slopes: Default::default(),
             })
             .collect();
         (jacobian, residual, rows)

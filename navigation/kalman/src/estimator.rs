@@ -373,6 +373,8 @@ impl<B: Bank> KalmanEstimator<B> {
             counts: self.counts,
             time_offset: self.time_offsets().0,
             time_offset_sigma: self.time_offsets().1,
+            calibration: [0.0; 2],
+            calibration_sigma: [0.0; 2],
             cost: self.report.cost[1],
             keyframes: 1,
             iterations: effects.passes,

@@ -6,7 +6,7 @@ use nav_kalman::{Bank, Centralised, Federated, Filter, Stretch};
 use nav_models::imu_history::{ImuHistory, ImuModel};
 use nav_models::kernels::{Block, cholesky};
 use nav_models::preintegration::ImuPoint;
-use nav_models::row::Row;
+use nav_models::row::{Row, SLOTS};
 use nav_models::state::NavState;
 use nav_models::world::WorldModel;
 use rand::{RngExt, SeedableRng};
@@ -59,7 +59,7 @@ impl Linear {
                 residual: predicted - self.offset,
                 inverse_sigma: 1.0,
                 weight: 1.0,
-                slope: 0.0,
+                slopes: [0.0; SLOTS],
             });
         }
     }
@@ -145,7 +145,7 @@ fn after_a_million_rows_the_covariance_is_symmetric_and_positive() {
             for _ in 0..3 {
                 let jacobian = SVector::from_fn(|_, _| rng.random_range(-1.0..1.0) * scale);
                 let residual = rng.random_range(-1.0..1.0);
-                rows.push(Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slope: 0.0 });
+                rows.push(Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slopes: [0.0; SLOTS] });
             }
         };
         filter.update(1, linearise, &mut rows).expect("finite");
@@ -165,7 +165,8 @@ fn what_is_no_number_leaves_the_filter_as_it_was() {
     let mut filter = Filter::new(NavState::identity(), covariance());
     let before = filter;
     for residual in [f64::NAN, f64::INFINITY, 1e308] {
-        let row = Row { jacobian: SVector::repeat(1e10), residual, inverse_sigma: 1.0, weight: 1.0, slope: 0.0 };
+        let row =
+            Row { jacobian: SVector::repeat(1e10), residual, inverse_sigma: 1.0, weight: 1.0, slopes: [0.0; SLOTS] };
         let done = filter.update(3, |_, rows| rows.extend([row, row]), &mut Vec::new());
         if residual == 1e308 {
             // A number, if no sensible one: whatever comes of it is finite.

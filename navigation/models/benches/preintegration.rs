@@ -97,6 +97,8 @@ fn solution(state: &NavState) -> Solution {
         t_last_used: [0; 5],
         time_offset: [0.0; 5],
         time_offset_sigma: [0.0; 5],
+        calibration: [0.0; 2],
+        calibration_sigma: [0.0; 2],
         counts: Default::default(),
         cost: 0.0,
         keyframes: 1,

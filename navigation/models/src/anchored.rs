@@ -20,6 +20,11 @@ pub trait SensorModel<const ROWS: usize> {
     /// The reading held against `pose`. All at once, since the parts share most of their work.
     fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<ROWS>;
 
+    /// ∂residual/∂g of the sensor's [`shared_types::Calibration`], zero if it has none; `residual` is that of the reading.
+    fn calibration_jacobian(&self, _residual: &SVector<f64, ROWS>) -> SVector<f64, ROWS> {
+        SVector::zeros()
+    }
+
     /// ∂residual/∂b_g other than through the transport, ROWS × 3; `None` where the sensor does not look at the gyroscope.
     fn gyro_bias_jacobian(&self) -> Option<SMatrix<f64, ROWS, 3>> {
         None

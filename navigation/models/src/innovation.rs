@@ -8,7 +8,7 @@ use shared_types::{Kernel, Sensor, Time};
 
 use crate::kernels::{Block, BlockVector, add_times_transposed, dot};
 use crate::robust::{gate_threshold, weight};
-use crate::row::Row;
+use crate::row::{Row, SLOTS};
 use crate::state::ERROR_DIM as DIM;
 
 /// A range longer than predicted by more sigmas than this is multipath; one shorter may be a little further off (§3.3).
@@ -26,8 +26,8 @@ pub struct Innovation {
     pub nis: f64,
     /// tr(J̃ C J̃ᵀ): how much of S is the state's own uncertainty, against the number of rows.
     pub state_share: f64,
-    /// How it changes if the stamp is too late by τ, row by row in the same units, 1/s.
-    pub slope: [f64; 3],
+    /// How the reading's systematic errors change it, each row by row in the same units.
+    pub slopes: [[f64; 3]; SLOTS],
 }
 
 impl Innovation {
@@ -39,11 +39,13 @@ impl Innovation {
         }
         let mut s = SMatrix::<f64, 3, 3>::identity();
         let mut innovation = SVector::<f64, 3>::zeros();
-        let mut slope = SVector::<f64, 3>::zeros();
+        let mut slopes = SMatrix::<f64, 3, SLOTS>::zeros();
         let mut state_share = 0.0;
         for (i, row) in rows.iter().enumerate() {
             innovation[i] = row.after(delta);
-            slope[i] = row.slope;
+            for (slot, slope) in row.slopes.into_iter().enumerate() {
+                slopes[(i, slot)] = slope;
+            }
             let mut projected = BlockVector::zeros();
             add_times_transposed(&mut projected, covariance, &row.jacobian, 1.0);
             for (j, other) in rows.iter().enumerate().take(i + 1) {
@@ -59,10 +61,10 @@ impl Innovation {
         let mut whitened = innovation;
         if let Some(cholesky) = Cholesky::new(s) {
             cholesky.l_dirty().solve_lower_triangular_mut(&mut whitened);
-            cholesky.l_dirty().solve_lower_triangular_mut(&mut slope);
+            cholesky.l_dirty().solve_lower_triangular_mut(&mut slopes);
         }
         let nis = whitened.rows(0, count).norm_squared();
-        Innovation { whitened: whitened.into(), nis, state_share, slope: slope.into() }
+        Innovation { whitened: whitened.into(), nis, state_share, slopes: slopes.into() }
     }
 
     fn of_one(row: &Row, delta: &BlockVector<DIM>, covariance: &Block<DIM>) -> Innovation {
@@ -77,7 +79,7 @@ impl Innovation {
             whitened: [whitened, 0.0, 0.0],
             nis: whitened * whitened,
             state_share,
-            slope: [row.slope * scale, 0.0, 0.0],
+            slopes: row.slopes.map(|slope| [slope * scale, 0.0, 0.0]),
         }
     }
 
@@ -158,7 +160,7 @@ mod tests {
     fn row(at: usize, residual: f64) -> Row {
         let mut jacobian = BlockVector::zeros();
         jacobian[at] = 1.0;
-        Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slope: 0.0 }
+        Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slopes: [0.0; SLOTS] }
     }
 
     #[test]

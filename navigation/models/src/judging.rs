@@ -205,7 +205,7 @@ mod tests {
             let nis = whitened[0] * whitened[0];
             for &sensor in sensors {
                 let t = Time::from_seconds(f64::from(second));
-                let mut group = vec![Read(Innovation { whitened, nis, state_share: 0.0, slope: [0.0; 3] })];
+                let mut group = vec![Read(Innovation { whitened, nis, state_share: 0.0, slopes: Default::default() })];
                 judges.judge(sensor, config.navigator.sensor(sensor).expect("aiding"), false, t, &mut group, |_, _| {});
             }
         }

@@ -12,6 +12,13 @@ use crate::state::ERROR_DIM;
 /// Rows of the largest measurement.
 pub const ROWS_MAX: usize = 3;
 
+/// A reading's systematic errors: how late its stamp is, and its sensor's [`shared_types::Calibration`].
+pub const SLOTS: usize = 2;
+
+/// ∂r/∂g over σ for each systematic error g of a reading, per its unit. For a stamp that is too late: minus the residual's own
+/// rate.
+pub type Slopes = [f64; SLOTS];
+
 /// One whitened row.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
@@ -23,8 +30,8 @@ pub struct Row {
     pub inverse_sigma: f64,
     /// Robust weight in use.
     pub weight: f64,
-    /// ∂r/∂τ over σ, τ being how much too late its stamp is: minus the residual's own rate, 1/s.
-    pub slope: f64,
+    /// How its sensor's systematic errors change it.
+    pub slopes: Slopes,
 }
 
 impl Row {
@@ -51,11 +58,11 @@ const NO_ROW: Row = Row {
     residual: 0.0,
     inverse_sigma: 0.0,
     weight: 1.0,
-    slope: 0.0,
+    slopes: [0.0; SLOTS],
 };
 
 impl MeasuredRows {
-    /// The rows of a factor under `whitening`, L⁻¹ of its covariance LLᵀ; `slope` is whitened already.
+    /// The rows of a factor under `whitening`, L⁻¹ of its covariance LLᵀ; `slopes`, one column each, are whitened already.
     ///
     /// # Errors
     /// [`Unusable`]: a number is not finite.
@@ -63,11 +70,11 @@ impl MeasuredRows {
     pub fn whitened<const ROWS: usize>(
         anchored: &Anchored<ROWS>,
         whitening: &SMatrix<f64, ROWS, ROWS>,
-        slope: &SVector<f64, ROWS>,
+        slopes: &SMatrix<f64, ROWS, SLOTS>,
     ) -> Result<MeasuredRows, Unusable> {
         let residual: SVector<f64, ROWS> = whitening * anchored.residual;
         let jacobian: SMatrix<f64, ROWS, ERROR_DIM> = whitening * anchored.jacobian;
-        if !residual.iter().chain(jacobian.iter()).chain(slope.iter()).all(|x| x.is_finite()) {
+        if !residual.iter().chain(jacobian.iter()).chain(slopes.iter()).all(|x| x.is_finite()) {
             return Err(Unusable);
         }
         let mut measured = MeasuredRows { rows: [NO_ROW; ROWS_MAX], count: ROWS };
@@ -75,7 +82,7 @@ impl MeasuredRows {
             row.jacobian = jacobian.row(index).transpose();
             row.residual = residual[index];
             row.inverse_sigma = whitening[(index, index)];
-            row.slope = slope[index];
+            row.slopes = core::array::from_fn(|slot| slopes[(index, slot)]);
         }
         Ok(measured)
     }

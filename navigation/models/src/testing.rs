@@ -166,6 +166,8 @@ pub(crate) fn solution(
         t_last_used: [t_keyframe.0; 5],
         time_offset: [0.0; 5],
         time_offset_sigma: [0.0; 5],
+        calibration: [0.0; 2],
+        calibration_sigma: [0.0; 2],
         counts: [shared_types::SensorCounts::default(); 7],
         cost: 0.0,
         keyframes: 1,

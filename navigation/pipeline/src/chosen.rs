@@ -5,7 +5,8 @@ use nav_geometry::Geodetic;
 use nav_kalman::{Ekf, FederatedKf};
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
 use shared_types::{
-    AIDING, Config, EstimatorKind, FrameOrigin, KeyframeReport, Measurement, NavEstimate, SensorCounts, Solution,
+    AIDING, CALIBRATIONS, Config, EstimatorKind, FrameOrigin, KeyframeReport, Measurement, NavEstimate, SensorCounts,
+    Solution,
 };
 
 /// The estimator that the configuration names.
@@ -82,6 +83,14 @@ impl ChosenEstimator {
     /// How much too late each [`shared_types::AIDING`] sensor's stamps are taken to be, and the sigmas of that, s.
     pub fn time_offsets(&self) -> ([f64; AIDING.len()], [f64; AIDING.len()]) {
         whichever!(self, estimator => estimator.time_offsets())
+    }
+
+    /// What each of [`CALIBRATIONS`] is found to be off by, and the sigmas of that; a filter does not ask.
+    pub fn calibrations(&self) -> ([f64; CALIBRATIONS.len()], [f64; CALIBRATIONS.len()]) {
+        match self {
+            ChosenEstimator::Fgo(estimator) => estimator.calibrations(),
+            _ => ([0.0; CALIBRATIONS.len()], [0.0; CALIBRATIONS.len()]),
+        }
     }
 
     /// Used and refused measurements, in the order of [`shared_types::SENSORS`].

@@ -5,8 +5,8 @@ use nav_models::estimator::{Effort, Estimator};
 use nav_models::propagator::Propagator;
 use nav_preprocessing::{ImuGate, ImuVerdict, Preprocessor};
 use shared_types::{
-    AIDING, BuoyFix, Config, Duration, FrameOrigin, ImuSample, KeyframeReport, Measurement, NavEstimate, RawReading,
-    RejectReason, SENSORS, SensorCounts, SensorHealth, Solution, Time,
+    AIDING, BuoyFix, CALIBRATIONS, Config, Duration, FrameOrigin, ImuSample, KeyframeReport, Measurement, NavEstimate,
+    RawReading, RejectReason, SENSORS, SensorCounts, SensorHealth, Solution, Time,
 };
 
 use crate::chosen::ChosenEstimator;
@@ -171,6 +171,11 @@ impl Navigator {
     /// How much too late each [`AIDING`] sensor's stamps are taken to be, and the sigmas of that, s.
     pub fn time_offsets(&self) -> ([f64; AIDING.len()], [f64; AIDING.len()]) {
         self.back.estimator.time_offsets()
+    }
+
+    /// What each of [`CALIBRATIONS`] is found to be off by, and the sigmas of that.
+    pub fn calibrations(&self) -> ([f64; CALIBRATIONS.len()], [f64; CALIBRATIONS.len()]) {
+        self.back.estimator.calibrations()
     }
 
     /// Used and refused measurements per sensor.

@@ -13,7 +13,7 @@ use shared_types::{
 use crate::compact::compact_json;
 use crate::history::{History, Kind, Limits, Sample};
 use crate::model::Model;
-use crate::snapshot::Snapshot;
+use crate::snapshot::{CalibrationFound, Snapshot};
 
 /// Between two looks, of data time.
 const LOOK: Duration = Duration(100_000_000);
@@ -198,7 +198,8 @@ fn estimate(row: &EstimateRow) -> NavEstimate {
 /// The sensors as the run's summary has them.
 fn sum_up(end: &mut Snapshot, summary: &Summary) {
     for row in &mut end.sensors {
-        let Some(SensorSummary { received, used, rejected, time_offset }) = summary.sensors.get(row.sensor.name())
+        let Some(SensorSummary { received, used, rejected, time_offset, calibrations }) =
+            summary.sensors.get(row.sensor.name())
         else {
             continue;
         };
@@ -207,6 +208,12 @@ fn sum_up(end: &mut Snapshot, summary: &Summary) {
         row.rejected = named.filter_map(|reason| Some((reason, *rejected.get(reason)?))).collect();
         row.time_offset = time_offset.map(|offset| offset.offset_s);
         row.time_offset_sigma = time_offset.map(|offset| offset.sigma_s);
+        row.calibration = calibrations.iter().next().map(|(name, found)| CalibrationFound {
+            name: name.clone(),
+            value: found.value,
+            sigma: found.sigma,
+            unit: found.unit.clone(),
+        });
     }
 }
 

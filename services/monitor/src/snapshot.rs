@@ -229,6 +229,21 @@ pub struct SensorRow {
     pub time_offset: Option<f64>,
     /// 1-sigma of that, s.
     pub time_offset_sigma: Option<f64>,
+    /// What it is found to be miscalibrated by; `None` while nothing speaks against its configuration.
+    pub calibration: Option<CalibrationFound>,
+}
+
+/// A systematic error of a sensor, in a unit for readers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CalibrationFound {
+    /// Which.
+    pub name: String,
+    /// What it is off by.
+    pub value: f64,
+    /// 1-sigma of that.
+    pub sigma: f64,
+    /// Of both.
+    pub unit: String,
 }
 
 impl SensorRow {

@@ -13,7 +13,7 @@ use std::net::SocketAddr;
 use shared_types::Mode;
 
 use crate::numbers::{UNKNOWN, fixed, instant, microseconds, milliseconds};
-use crate::snapshot::{Event, ProcessRow, SensorRow, Snapshot, TruthError, status_word};
+use crate::snapshot::{CalibrationFound, Event, ProcessRow, SensorRow, Snapshot, TruthError, status_word};
 pub(crate) use map::Sight;
 use text::{Line, Tone};
 pub(crate) use trail::Trail;
@@ -228,6 +228,9 @@ fn sensor_row(row: &SensorRow) -> Line {
     let mut reasons: Vec<String> = reasons.into_iter().map(|(reason, count)| format!("{reason} {count}")).collect();
     if let Some((offset, sigma)) = row.time_offset.zip(row.time_offset_sigma) {
         reasons.insert(0, format!("stamps {} ms late (1-sigma {})", fixed(offset * 1e3, 1), fixed(sigma * 1e3, 1)));
+    }
+    if let Some(CalibrationFound { name, value, sigma, unit }) = &row.calibration {
+        reasons.insert(0, format!("{name} {value:+.3} {unit} (1-sigma {sigma:.3})"));
     }
     let silent = Tone::warning_if(row.is_silent);
     Line::plain(format!("{:<6}", row.sensor))

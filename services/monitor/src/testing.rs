@@ -106,6 +106,8 @@ pub(crate) fn solution_at(t: f64) -> Solution {
         t_last_used: [0; 5],
         time_offset: [0.0; 5],
         time_offset_sigma: [0.0; 5],
+        calibration: [0.0; 2],
+        calibration_sigma: [0.0; 2],
         counts,
         cost: 12.0,
         keyframes: 20,

@@ -72,6 +72,8 @@ fn solution(id: u64, t: f64) -> Solution {
         t_last_used: [t.0, i64::MIN, i64::MIN, i64::MIN, i64::MIN],
         time_offset: [0.0; 5],
         time_offset_sigma: [0.0; 5],
+        calibration: [0.0; 2],
+        calibration_sigma: [0.0; 2],
         counts: [SensorCounts::default(); 7],
         cost: 0.0,
         keyframes: 2,

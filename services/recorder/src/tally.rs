@@ -170,6 +170,8 @@ mod tests {
             t_last_used: [0; 5],
             time_offset: [0.0; 5],
             time_offset_sigma: [0.0; 5],
+            calibration: [0.0; 2],
+            calibration_sigma: [0.0; 2],
             counts,
             cost: 0.0,
             keyframes,

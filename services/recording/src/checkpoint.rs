@@ -81,6 +81,8 @@ struct Kept {
     t_last_used: [i64; 5],
     time_offset: [f64; 5],
     time_offset_sigma: [f64; 5],
+    calibration: [f64; 2],
+    calibration_sigma: [f64; 2],
     counts: [(u64, [u64; REJECT_REASONS.len()]); 7],
 }
 
@@ -119,6 +121,8 @@ fn encode(solution: &Solution, configuration: u64) -> Vec<u8> {
         t_last_used: solution.t_last_used,
         time_offset: solution.time_offset,
         time_offset_sigma: solution.time_offset_sigma,
+        calibration: solution.calibration,
+        calibration_sigma: solution.calibration_sigma,
         counts: solution.counts.map(|counts| (counts.used, counts.rejected)),
     };
     let payload = bincode::serde::encode_to_vec(&kept, encoding()).expect("plain numbers are within the limit");
@@ -187,6 +191,8 @@ fn decode(bytes: &[u8], terms: &CheckpointTerms) -> Result<Solution, CheckpointE
         t_last_used: kept.t_last_used,
         time_offset: kept.time_offset,
         time_offset_sigma: kept.time_offset_sigma,
+        calibration: kept.calibration,
+        calibration_sigma: kept.calibration_sigma,
         counts: kept.counts.map(|(used, rejected)| SensorCounts { used, rejected }),
         cost: 0.0,
         keyframes: 0,
@@ -225,6 +231,8 @@ mod tests {
             t_last_used: [1, 2, 3, 4, i64::MIN],
             time_offset: [0.0, 0.25, 0.0, -0.1, 0.0],
             time_offset_sigma: [0.0, 0.01, 0.0, 0.02, 0.0],
+            calibration: [1e-3, 0.02],
+            calibration_sigma: [1e-4, 0.01],
             counts: [SensorCounts { used: 9, rejected: [3; REJECT_REASONS.len()] }; 7],
             cost: 0.0,
             keyframes: 0,

@@ -49,5 +49,5 @@ pub use merged::MergedLog;
 pub use oxts::{OxtsDrive, OxtsSample, read_oxts};
 pub use reader::{BuoyReader, LblReader, LogReader, read_truth};
 pub use rows::LogRow;
-pub use summary::{SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};
+pub use summary::{CalibrationSummary, SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary};
 pub use tum_reader::{TumRow, read_tum};

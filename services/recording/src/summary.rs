@@ -79,6 +79,20 @@ pub struct SensorSummary {
     /// How late its stamps were found to be at the end; left out where nothing spoke against them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_offset: Option<TimeOffsetSummary>,
+    /// What it was found to be miscalibrated by at the end, by name; nothing where nothing spoke against its configuration.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub calibrations: BTreeMap<String, CalibrationSummary>,
+}
+
+/// A systematic error of a sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CalibrationSummary {
+    /// What it is off by.
+    pub value: f64,
+    /// 1-sigma of that.
+    pub sigma: f64,
+    /// Of both.
+    pub unit: String,
 }
 
 /// A sensor's time offset.
@@ -105,6 +119,7 @@ impl SensorSummary {
             used: counts.used,
             rejected: rejected.map(|(reason, count)| (reason.name().to_owned(), count)).collect(),
             time_offset: None,
+            calibrations: BTreeMap::new(),
         }
     }
 }

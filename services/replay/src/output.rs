@@ -7,11 +7,12 @@ use std::time::Instant;
 
 use hdrhistogram::Histogram;
 use ilns_recording::{
-    ESTIMATE_FILES, EstimateWriter, LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary, TimeOffsetSummary,
+    CalibrationSummary, ESTIMATE_FILES, EstimateWriter, LogDirectory, SUMMARY_FILE, SensorSummary, SolveTimes, Summary,
+    TimeOffsetSummary,
 };
 use nav_evaluation::{EstimatePoint, Score, Scorer, Window};
 use nav_geometry::Geodetic;
-use shared_types::{AIDING, Mode, NavEstimate, SENSORS, Sensor, SensorCounts, Time};
+use shared_types::{AIDING, CALIBRATIONS, Mode, NavEstimate, SENSORS, Sensor, SensorCounts, Time};
 
 use crate::background::BackgroundWriter;
 use crate::error::ReplayError;
@@ -41,6 +42,8 @@ pub struct RunFacts {
     pub counts: [SensorCounts; 7],
     /// Time offsets of the [`AIDING`] sensors and their sigmas, s.
     pub time_offsets: ([f64; 5], [f64; 5]),
+    /// What [`CALIBRATIONS`] are found to be off by and its sigmas.
+    pub calibrations: ([f64; 2], [f64; 2]),
 }
 
 /// The results of a run under construction; none bears its name before [`ReplayOutput::finish`].
@@ -171,6 +174,7 @@ impl ReplayOutput {
                     let index = sensor.index();
                     let mut summary = SensorSummary::new(facts.received[index], &facts.counts[index]);
                     summary.time_offset = time_offset(facts, *sensor);
+                    summary.calibrations = calibrations(facts, *sensor);
                     (sensor.name().to_owned(), summary)
                 })
                 .collect(),
@@ -197,6 +201,17 @@ fn time_offset(facts: &RunFacts, sensor: Sensor) -> Option<TimeOffsetSummary> {
     let place = AIDING.iter().position(|&aiding| aiding == sensor)?;
     let (offset_s, sigma_s) = (facts.time_offsets.0[place], facts.time_offsets.1[place]);
     (offset_s != 0.0).then_some(TimeOffsetSummary { offset_s, sigma_s })
+}
+
+/// What was found of a sensor's calibrations.
+fn calibrations(facts: &RunFacts, sensor: Sensor) -> BTreeMap<String, CalibrationSummary> {
+    let found = CALIBRATIONS.into_iter().filter(|calibration| calibration.sensor() == sensor);
+    let found = found.map(|calibration| {
+        let (unit, scale) = calibration.shown_in();
+        let [value, sigma] = [facts.calibrations.0, facts.calibrations.1].map(|of| of[calibration.index()] * scale);
+        (calibration.name().to_owned(), CalibrationSummary { value, sigma, unit: unit.to_owned() })
+    });
+    found.filter(|(_, found)| found.value != 0.0).collect()
 }
 
 fn solve_times(solve_ns: &Histogram<u64>) -> SolveTimes {

@@ -137,6 +137,7 @@ pub(crate) fn facts_of(navigator: &Navigator) -> RunFacts {
         received: [0; 7],
         counts: [SensorCounts::default(); 7],
         time_offsets: navigator.time_offsets(),
+        calibrations: navigator.calibrations(),
     };
     for sensor in SENSORS {
         let index = sensor.index();

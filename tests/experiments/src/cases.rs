@@ -35,6 +35,7 @@ pub const CASES: &[Case] = &[
             "dvl.time_offset=off",
             "mcp.time_offset=off",
             "ps.time_offset=off",
+            "lbl.calibrate=false",
         ],
         exact: true,
     },

@@ -60,6 +60,8 @@ enum Experiment {
     Outliers(faults::outliers::Args),
     /// What late stamps cost against the clean run of the same seed, per sensor.
     Offsets(faults::offsets::Args),
+    /// What a wrong sound speed and a wrong scale of the DVL cost, with their calibration and without.
+    Calibrations(faults::calibrations::Args),
 }
 
 fn main() -> ExitCode {
@@ -79,6 +81,7 @@ fn main() -> ExitCode {
         Experiment::Faults(args) => faults::matrix::run(&args).map_err(Into::into),
         Experiment::Outliers(args) => faults::outliers::run(&args).map_err(Into::into),
         Experiment::Offsets(args) => faults::offsets::run(&args).map_err(Into::into),
+        Experiment::Calibrations(args) => faults::calibrations::run(&args).map_err(Into::into),
     };
     ilns_runtime::exit_with("experiments", result)
 }

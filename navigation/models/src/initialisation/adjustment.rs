@@ -139,6 +139,6 @@ impl Tied {
     ) -> Option<MeasuredRows> {
         let anchored = Anchored::new(model, state, &self.increment, world);
         let whitening = inverse_root(&anchored.inflated_covariance(&Piece::Forward(&self.increment)))?;
-        MeasuredRows::whitened(&anchored, &whitening, &SVector::zeros()).ok()
+        MeasuredRows::whitened(&anchored, &whitening, &nalgebra::SMatrix::zeros()).ok()
     }
 }

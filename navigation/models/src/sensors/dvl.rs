@@ -5,8 +5,8 @@
 //! H = Mᵀ[0 | Rᵀ | [u]× + [l]×[Rᵀω]×],   ∂h/∂b_g = Mᵀ[l]×
 //! ```
 //!
-//! M takes the instrument's axes to the body. The paper compares velocities in the world frame, where a DVL has none: it
-//! measures in the body, and so it tells of attitude. The gyroscope sample that moves the lever arm is noisy too:
+//! M takes the instrument's axes to the body; with a scale that is off by s, h is (1 + s) times that. The paper compares
+//! velocities in the world frame, where a DVL has none: it measures in the body, and so it tells of attitude. The gyroscope sample that moves the lever arm is noisy too:
 //! R_z gains `Mᵀ[l]×(σ_g²/Δt)[l]×ᵀM`.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, Vector3};
@@ -80,6 +80,11 @@ impl SensorModel<3> for DvlModel {
             jacobian,
             covariance: self.covariance,
         }
+    }
+
+    /// s: h/(1 + s).
+    fn calibration_jacobian(&self, residual: &Vector3<f64>) -> Vector3<f64> {
+        (residual + self.velocity_dvl) / (1.0 + self.scale)
     }
 
     fn gyro_bias_jacobian(&self) -> Option<SMatrix<f64, 3, 3>> {

@@ -70,4 +70,9 @@ impl SensorModel<1> for LblModel {
             covariance: SMatrix::<f64, 1, 1>::new(self.sigma * self.sigma + buoy * buoy),
         }
     }
+
+    /// κ: ρ.
+    fn calibration_jacobian(&self, residual: &Vector1<f64>) -> Vector1<f64> {
+        Vector1::new((residual.x + self.range) / (1.0 + self.range_scale))
+    }
 }

@@ -99,6 +99,15 @@ impl Model {
         }
     }
 
+    /// Takes a further systematic error of `by`, in the unit of the sensor's calibration, out of the reading.
+    pub fn correct(&mut self, by: f64) {
+        match self {
+            Model::Lbl(model) => model.range_scale += by,
+            Model::Dvl(model) => model.scale += by,
+            Model::Gnss(_) | Model::Mcp(_) | Model::Ps(_) => {}
+        }
+    }
+
     /// Its rows at the state of its own time, whitened by its own noise.
     ///
     /// # Errors
@@ -121,5 +130,5 @@ fn rows_of<const ROWS: usize>(
 ) -> Result<MeasuredRows, Unusable> {
     let anchored = Anchored::at_keyframe(model, state, world);
     let whitening = inverse_root(&anchored.covariance).ok_or(Unusable)?;
-    MeasuredRows::whitened(&anchored, &whitening, &nalgebra::SVector::zeros())
+    MeasuredRows::whitened(&anchored, &whitening, &nalgebra::SMatrix::zeros())
 }

@@ -319,6 +319,25 @@ fn vehicle_facts_reach_the_models() {
     assert_eq!(McpModel::new(0.1, &vehicle.mcp).sigma, vehicle.mcp.sigma);
 }
 
+#[test]
+fn residuals_change_with_a_correction_as_their_calibration_jacobians_say() {
+    const STEP: f64 = 1e-4;
+    let pose = Pose::from(&golden_from());
+    let (lbl, dvl) = (golden_lbl(), golden_dvl());
+    let corrected = |by: f64| {
+        let (mut lbl, mut dvl) = (Model::Lbl(lbl), Model::Dvl(dvl));
+        lbl.correct(by);
+        dvl.correct(by);
+        let (Model::Lbl(lbl), Model::Dvl(dvl)) = (lbl, dvl) else { unreachable!("a correction keeps the sensor") };
+        (lbl.see(&pose, &world()).residual, dvl.see(&pose, &world()).residual)
+    };
+    let (above, below) = (corrected(STEP), corrected(-STEP));
+    let by_lbl = lbl.calibration_jacobian(&lbl.see(&pose, &world()).residual);
+    let by_dvl = dvl.calibration_jacobian(&dvl.see(&pose, &world()).residual);
+    assert_relative_eq!(by_lbl, (above.0 - below.0) / (2.0 * STEP), max_relative = 1e-8);
+    assert_relative_eq!(by_dvl, (above.1 - below.1) / (2.0 * STEP), max_relative = 1e-8);
+}
+
 /// The residual's rate against that of the residual itself when the reading is taken a little later and earlier, at the
 /// keyframe and away from it, forward and backward.
 fn check_rate<const ROWS: usize>(model: &impl SensorModel<ROWS>, tolerance: f64) {

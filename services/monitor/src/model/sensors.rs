@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use shared_types::{
-    AIDING, FactorReport, KeyframeReport, REJECT_REASONS, SENSORS, Sensor, SensorCounts, SensorHealth, Solution, Time,
+    AIDING, CALIBRATIONS, FactorReport, KeyframeReport, REJECT_REASONS, SENSORS, Sensor, SensorCounts, SensorHealth,
+    Solution, Time,
 };
 
 use super::slope::Slope;
-use crate::snapshot::{EventKind, SensorRow};
+use crate::snapshot::{CalibrationFound, EventKind, SensorRow};
 
 const SECOND: i64 = 1_000_000_000;
 
@@ -81,6 +82,7 @@ pub(super) struct Sensors {
     gates: [Option<[f64; 2]>; SENSORS.len()],
     /// Time offset and its 1-sigma, s.
     time_offsets: [Option<[f64; 2]>; SENSORS.len()],
+    calibrations: [Option<CalibrationFound>; SENSORS.len()],
 }
 
 impl Sensors {
@@ -91,6 +93,7 @@ impl Sensors {
             innovations: Default::default(),
             gates: Default::default(),
             time_offsets: Default::default(),
+            calibrations: Default::default(),
         }
     }
 
@@ -112,6 +115,16 @@ impl Sensors {
         let offsets = solution.time_offset.into_iter().zip(solution.time_offset_sigma);
         for (sensor, (offset, sigma)) in AIDING.into_iter().zip(offsets) {
             self.time_offsets[sensor.index()] = (sigma > 0.0).then_some([offset, sigma]);
+        }
+        let found = solution.calibration.into_iter().zip(solution.calibration_sigma);
+        for (calibration, (value, sigma)) in CALIBRATIONS.into_iter().zip(found) {
+            let (unit, scale) = calibration.shown_in();
+            self.calibrations[calibration.sensor().index()] = (sigma > 0.0).then(|| CalibrationFound {
+                name: calibration.name().to_owned(),
+                value: value * scale,
+                sigma: sigma * scale,
+                unit: unit.to_owned(),
+            });
         }
     }
 
@@ -163,6 +176,7 @@ impl Sensors {
             gate: self.gates[sensor.index()].filter(|gate| *gate != [0.0; 2]),
             time_offset: self.time_offsets[sensor.index()].map(|[offset, _]| offset),
             time_offset_sigma: self.time_offsets[sensor.index()].map(|[_, sigma]| sigma),
+            calibration: self.calibrations[sensor.index()].clone(),
         }
     }
 }
@@ -266,10 +280,17 @@ mod tests {
         sensors.report(&report);
         let mut solution = solution_at(1.0);
         (solution.time_offset[2], solution.time_offset_sigma[2]) = (0.05, 0.01);
+        (solution.calibration[0], solution.calibration_sigma[0]) = (0.01, 0.001);
         sensors.solution(&solution);
         let lbl = sensors.row(Sensor::Lbl, None, None, false);
         assert_eq!((lbl.innovation, lbl.time_offset), (Some(2.0), None));
+        let found = lbl.calibration.as_ref().expect("its sigma is not 0");
+        assert_eq!(
+            (found.name.as_str(), found.value, found.sigma, found.unit.as_str()),
+            ("range_scale", 1.0, 0.1, "%")
+        );
         let dvl = sensors.row(Sensor::Dvl, None, None, false);
+        assert_eq!(dvl.calibration, None);
         assert_eq!((dvl.innovation, dvl.time_offset, dvl.time_offset_sigma), (Some(0.0), Some(0.05), Some(0.01)));
         let gate = |sensor| {
             let row = sensors.row(sensor, None, None, false);

@@ -91,6 +91,22 @@ fn sensors(out: &mut Exposition, snapshot: &Snapshot) {
     for row in &snapshot.sensors {
         out.sample("ilns_sensor_time_offset_seconds", &labels(row.sensor.name()), row.time_offset);
     }
+    out.family(
+        "ilns_sensor_calibration",
+        "gauge",
+        "What a sensor is found to be miscalibrated by, in the unit of its label.",
+    );
+    for row in &snapshot.sensors {
+        if let Some(found) = &row.calibration {
+            let labels = [
+                ("set", prefix),
+                ("sensor", row.sensor.name()),
+                ("calibration", found.name.as_str()),
+                ("unit", found.unit.as_str()),
+            ];
+            out.sample("ilns_sensor_calibration", &labels, found.value);
+        }
+    }
 }
 
 fn processes(out: &mut Exposition, snapshot: &Snapshot) {

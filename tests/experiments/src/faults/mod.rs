@@ -1,5 +1,7 @@
-//! Faults injected into simulated missions: the matrix of the catalogue, the outlier table, the table of time offsets.
+//! Faults injected into simulated missions: the matrix of the catalogue, the outlier table, the tables of time offsets and
+//! calibrations.
 
+pub mod calibrations;
 mod catalogue;
 mod expect;
 pub mod matrix;

@@ -8,7 +8,7 @@ use nav_evaluation::{EstimatePoint, Pair, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
 use shared_types::{
-    AIDING, Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS, Solution,
+    AIDING, CALIBRATIONS, Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS, Solution,
 };
 use sim_faults::{FaultSpec, Tally};
 use sim_world::{Preset, Scenario, World};
@@ -82,7 +82,7 @@ pub struct Trace {
     pub offsets: Vec<Offsets>,
 }
 
-/// Time offsets at a keyframe, per aiding sensor.
+/// Systematic errors at a keyframe: time offsets per aiding sensor, calibrations.
 #[derive(Clone, Copy, Debug)]
 pub struct Offsets {
     /// Of the keyframe, s.
@@ -91,6 +91,10 @@ pub struct Offsets {
     pub found: [f64; AIDING.len()],
     /// 1-sigma of that, s.
     pub sigma: [f64; AIDING.len()],
+    /// What [`shared_types::CALIBRATIONS`] are taken to be off by.
+    pub calibration: [f64; CALIBRATIONS.len()],
+    /// 1-sigma of that.
+    pub calibration_sigma: [f64; CALIBRATIONS.len()],
 }
 
 /// A trace, or the panic that ended it.
@@ -258,7 +262,13 @@ impl Logbook {
                 self.used_at[index].push(t);
             }
         }
-        self.offsets.push(Offsets { t, found: solution.time_offset, sigma: solution.time_offset_sigma });
+        self.offsets.push(Offsets {
+            t,
+            found: solution.time_offset,
+            sigma: solution.time_offset_sigma,
+            calibration: solution.calibration,
+            calibration_sigma: solution.calibration_sigma,
+        });
     }
 }
 

@@ -12,8 +12,14 @@ const OFFSETS: [f64; 6] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5];
 const METHODS: [(&str, &str); 3] =
     [("PF", "keyframes.anchor=pf"), ("FPF", "keyframes.anchor=fpf"), ("FBPF", "keyframes.anchor=fbpf")];
 /// Otherwise the detector would take what PF does to a stamp for a late clock, and mend a part of it.
-const STAMPS_BELIEVED: [&str; 5] =
-    ["lbl.time_offset=off", "gnss.time_offset=off", "dvl.time_offset=off", "mcp.time_offset=off", "ps.time_offset=off"];
+const STAMPS_BELIEVED: [&str; 6] = [
+    "lbl.time_offset=off",
+    "gnss.time_offset=off",
+    "dvl.time_offset=off",
+    "mcp.time_offset=off",
+    "ps.time_offset=off",
+    "lbl.calibrate=false",
+];
 /// Dive, turn and a part of the weaving, s.
 const UNTIL: f64 = 700.0;
 
