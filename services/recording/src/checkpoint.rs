@@ -188,12 +188,8 @@ fn decode(bytes: &[u8], terms: &CheckpointTerms) -> Result<Solution, CheckpointE
         time_offset: kept.time_offset,
         time_offset_sigma: kept.time_offset_sigma,
         counts: kept.counts.map(|(used, rejected)| SensorCounts { used, rejected }),
-        cost: 0.0,
-        keyframes: 0,
-        iterations: 0,
-        linearised: 0,
-        status: 0,
-        solve_ns: 0,
+        // How it was found is not kept.
+        ..Solution::empty()
     })
 }
 
@@ -226,12 +222,7 @@ mod tests {
             time_offset: [0.0, 0.25, 0.0, -0.1, 0.0],
             time_offset_sigma: [0.0, 0.01, 0.0, 0.02, 0.0],
             counts: [SensorCounts { used: 9, rejected: [3; REJECT_REASONS.len()] }; 7],
-            cost: 0.0,
-            keyframes: 0,
-            iterations: 0,
-            linearised: 0,
-            status: 0,
-            solve_ns: 0,
+            ..Solution::empty()
         };
         solution.covariance[3][4] = -0.125;
         solution
