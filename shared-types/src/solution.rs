@@ -107,3 +107,33 @@ message! {
         solve_ns: u64,
     }
 }
+
+impl Solution {
+    /// Of nothing: level at the origin, its covariance zero, no measurement ever used.
+    pub fn empty() -> Solution {
+        Solution {
+            header: Header::default(),
+            id: 0,
+            t_keyframe: 0,
+            origin: [0.0; 3],
+            position_enu: [0.0; 3],
+            velocity_enu: [0.0; 3],
+            q_enu_body: [1.0, 0.0, 0.0, 0.0],
+            accel_bias: [0.0; 3],
+            gyro_bias: [0.0; 3],
+            covariance: [[0.0; 15]; 15],
+            t_last_used: [i64::MIN; 5],
+            counts: [SensorCounts::default(); 7],
+            time_offset: [0.0; 5],
+            time_offset_sigma: [0.0; 5],
+            calibration: [0.0; 2],
+            calibration_sigma: [0.0; 2],
+            cost: 0.0,
+            keyframes: 0,
+            iterations: 0,
+            linearised: 0,
+            status: 0,
+            solve_ns: 0,
+        }
+    }
+}

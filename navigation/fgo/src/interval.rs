@@ -32,6 +32,8 @@ pub struct OpenInterval {
 struct Prefix {
     sample: TimedPoint,
     increment: Preintegration,
+    /// Of the step that led to it.
+    inflation: Inflation,
 }
 
 impl OpenInterval {
@@ -54,9 +56,11 @@ impl OpenInterval {
         self.prefixes.push(Prefix {
             sample: TimedPoint { t: t_keyframe, point },
             increment: Preintegration::new(*accel_bias, *gyro_bias),
+            inflation: Inflation::NONE,
         });
         for sample in history.between(t_keyframe, Time::MAX) {
-            self.advance(sample, model);
+            // The keyframe may lie in a gap, which is longer than what is left of it.
+            self.step(sample, model, history.inflation_at(sample.t, model));
         }
         Some(())
     }
@@ -78,13 +82,19 @@ impl OpenInterval {
 
     /// Takes in the next sample. Does nothing before [`OpenInterval::start`].
     pub fn advance(&mut self, sample: &TimedPoint, model: &ImuModel) {
+        let Some(last) = self.prefixes.last() else { return };
+        self.step(sample, model, model.inflation(sample.t - last.sample.t));
+    }
+
+    fn step(&mut self, sample: &TimedPoint, model: &ImuModel, inflation: Inflation) {
         let Some(newest) = self.prefixes.len().checked_sub(1) else { return };
         // The copy of the newest prefix is made in its place: it is a kilobyte and a half, 200 times a second.
         self.prefixes.extend_from_within(newest..);
         if let [.., last, next] = self.prefixes.as_mut_slice() {
             let dt = sample.t - last.sample.t;
             next.sample = *sample;
-            next.increment.step(&model.noise, dt.as_seconds(), &last.sample.point, &sample.point, model.inflation(dt));
+            next.inflation = inflation;
+            next.increment.step(&model.noise, dt.as_seconds(), &last.sample.point, &sample.point, inflation);
         }
         let mut index = 0;
         while index < self.wanted.len() {
@@ -114,7 +124,7 @@ impl OpenInterval {
 
     fn side_step(&mut self, t: Time, model: &ImuModel) {
         if let Some((before, next)) = self.around(t) {
-            let (from, at, inflation) = side_of(before, next, t, model);
+            let (from, at, inflation) = side_of(before, next, t);
             // Made in its place, as above.
             self.sides.push(before.increment);
             self.side_times.push(t);
@@ -146,7 +156,7 @@ impl OpenInterval {
             return self.prefixes.get(at).map(|prefix| &prefix.increment);
         }
         let (before, next) = self.around(t)?;
-        let (from, at, inflation) = side_of(before, next, t, model);
+        let (from, at, inflation) = side_of(before, next, t);
         side.clone_from(&before.increment);
         side.step(&model.noise, (t - from.t).as_seconds(), &from.point, &at, inflation);
         Some(side)
@@ -154,7 +164,6 @@ impl OpenInterval {
 }
 
 /// Start, end and inflation of the step from a prefix to `t`: it is a share of a step that may itself bridge a gap.
-fn side_of(before: &Prefix, next: &Prefix, t: Time, model: &ImuModel) -> (TimedPoint, ImuPoint, Inflation) {
-    let at = interpolate(&before.sample, &next.sample, t);
-    (before.sample, at, model.inflation(next.sample.t - before.sample.t))
+fn side_of(before: &Prefix, next: &Prefix, t: Time) -> (TimedPoint, ImuPoint, Inflation) {
+    (before.sample, interpolate(&before.sample, &next.sample, t), next.inflation)
 }

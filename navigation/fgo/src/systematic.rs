@@ -74,8 +74,7 @@ struct Limits {
 
 /// Of a stamp, s. What 10 ms do is below a centimetre at usual speeds; a stamp may be late by a second, and early by some of
 /// a sensor's own filtering.
-const STAMP: Limits =
-    Limits { smallest: 0.01, range: [-0.2, 1.0], vague: 0.12, wandering: 5e-3, wandering_most: 0.1 };
+const STAMP: Limits = Limits { smallest: 0.01, range: [-0.2, 1.0], vague: 0.12, wandering: 5e-3, wandering_most: 0.1 };
 
 const fn limits(error: usize) -> Limits {
     if error < STAMPS {
@@ -83,18 +82,12 @@ const fn limits(error: usize) -> Limits {
     }
     match CALIBRATIONS[error - STAMPS] {
         // 75 m/s of sound speed at most.
-        Calibration::RangeScale => Limits {
-            smallest: 5e-5,
-            range: [-0.05, 0.05],
-            vague: 2e-3,
-            wandering: 1e-5,
-            wandering_most: 3e-4 },
-        Calibration::DvlScale => Limits {
-            smallest: 3e-4,
-            range: [-0.05, 0.05],
-            vague: 0.01,
-            wandering: 1e-5,
-            wandering_most: 1e-3 },
+        Calibration::RangeScale => {
+            Limits { smallest: 5e-5, range: [-0.05, 0.05], vague: 2e-3, wandering: 1e-5, wandering_most: 3e-4 }
+        }
+        Calibration::DvlScale => {
+            Limits { smallest: 3e-4, range: [-0.05, 0.05], vague: 0.01, wandering: 1e-5, wandering_most: 1e-3 }
+        }
     }
 }
 
@@ -442,10 +435,7 @@ mod tests {
     #[test]
     fn an_offset_found_before_is_taken_up_and_nonsense_is_not() {
         let mut taken_up = offsets(TimeOffset::Estimated(0.0));
-        taken_up.resume(
-            [&[0.0, 0.0, 0.2, 0.0, f64::NAN], &[0.0, 0.0, 0.01, 0.0, 0.0]],
-            [&[0.3, 0.01], &[0.01, 1e-3]],
-        );
+        taken_up.resume([&[0.0, 0.0, 0.2, 0.0, f64::NAN], &[0.0, 0.0, 0.01, 0.0, 0.0]], [&[0.3, 0.01], &[0.01, 1e-3]]);
         assert_eq!(taken_up.time_offsets().0, [0.0, 0.0, 0.2, 0.0, 0.0]);
         assert_eq!(taken_up.calibrations().0, [0.0, 0.01]);
     }

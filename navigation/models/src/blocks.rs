@@ -97,7 +97,11 @@ pub(crate) fn sandwich<const N: usize>(r: &SMatrix<f64, N, 3>, c: &SMatrix<f64, 
     result
 }
 
-/// L⁻¹ of `P = LLᵀ`, lower triangular; `None` unless P is positive definite. Reads the lower triangle of P alone.
+/// What is left of a diagonal element after the elimination of those before it, relative to what it was: less is rounding.
+const PIVOT_FLOOR: f64 = 1e-13;
+
+/// L⁻¹ of `P = LLᵀ`, lower triangular; `None` unless P is safely positive definite: a singular one that passes by rounding would
+/// give a certainty of a billionth part of what is known. Reads the lower triangle of P alone.
 #[inline]
 pub(crate) fn inverse_cholesky<const N: usize>(p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     // Columns below the diagonal; right-looking, so that the inner loops run down whole columns.
@@ -106,7 +110,7 @@ pub(crate) fn inverse_cholesky<const N: usize>(p: &SMatrix<f64, N, N>) -> Option
     for column in 0..N {
         let pivot = l[column][column];
         // A pivot that is no number is not positive either.
-        if pivot.is_nan() || pivot <= 0.0 || pivot.is_infinite() {
+        if pivot.is_nan() || pivot <= PIVOT_FLOOR * p[(column, column)].abs() || pivot <= 0.0 || pivot.is_infinite() {
             return None;
         }
         let scale = 1.0 / pivot.sqrt();

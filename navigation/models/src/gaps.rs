@@ -10,6 +10,13 @@
 //! in angle for a rate and in velocity for a force. As white noise over T that is σ/√T; the noise of the samples is inflated to it,
 //! and at least as the method says. The method's factors alone are right for an instrument as noisy as the vehicle is lively, and
 //! a hundred times too small for a good one: a second unseen cost tens of sigmas.
+//!
+//! Who begins anew at a state from before its first sample knows one end of the gap only and holds the sample back to it. What the
+//! vehicle did since is then off by a slope and not by an arc:
+//!
+//! ```text
+//! σ(T) = A T · min(1, ωT/2)            the whole amplitude once the sway is over
+//! ```
 
 use shared_types::{Duration, ImuGateConfig, ImuNoise};
 
@@ -41,13 +48,23 @@ impl Inflation {
 
     /// For a step of this length between two samples.
     pub fn over(step: Duration, gate: &ImuGateConfig, noise: &ImuNoise) -> Inflation {
+        Inflation::hiding(step, gate, noise, |turn| (turn * turn / 12.0).min(0.5))
+    }
+
+    /// For a step of this length with a sample at one of its ends, which is held to the other.
+    pub fn held(step: Duration, gate: &ImuGateConfig, noise: &ImuNoise) -> Inflation {
+        Inflation::hiding(step, gate, noise, |turn| (turn / 2.0).min(1.0))
+    }
+
+    /// `share`: of the amplitude, by how far (rad) the sway turns meanwhile.
+    fn hiding(step: Duration, gate: &ImuGateConfig, noise: &ImuNoise, share: impl Fn(f64) -> f64) -> Inflation {
         let step = step.abs();
         if step <= gate.gap {
             return Inflation::NONE;
         }
         let least = if step > gate.long_gap { LONG_GAP_INFLATION } else { GAP_INFLATION };
         let seconds = step.as_seconds();
-        let hidden = seconds.sqrt() * ((SWAY * seconds).powi(2) / 12.0).min(0.5);
+        let hidden = seconds.sqrt() * share(SWAY * seconds);
         Inflation {
             force: least.max(UNSEEN_ACCELERATION * hidden / noise.accel_noise_density),
             rate: least.max(UNSEEN_RATE * hidden / noise.gyro_noise_density),
@@ -99,6 +116,25 @@ mod tests {
             }
             let hidden = amplitude * seconds * ((sway * seconds).powi(2) / 12.0).min(0.5);
             assert!(worst < 2.1 * hidden, "{seconds} s: {worst} {hidden}");
+        }
+    }
+
+    #[test]
+    fn a_sample_held_over_a_sway_is_off_by_less() {
+        let (config, amplitude) = (Config::default(), 0.1);
+        let noise = ImuNoise { gyro_noise_density: 1e-9, ..config.vehicle.imu.clone() };
+        for seconds in [0.1, 0.3, 0.5, 1.0, 2.0, 4.0] {
+            let mut worst = 0.0_f64;
+            for phase in 0..64 {
+                let phase = f64::from(phase) / 64.0 * core::f64::consts::TAU;
+                let rate = |t: f64| amplitude * (SWAY * t + phase).sin();
+                let arc = amplitude / SWAY * (phase.cos() - (SWAY * seconds + phase).cos());
+                worst = worst.max((rate(seconds) * seconds - arc).abs());
+            }
+            let held = Inflation::held(Duration::from_seconds(seconds), &config.navigator.imu, &noise);
+            let sigma = noise.gyro_noise_density * held.rate * seconds.sqrt();
+            assert!(worst < 1.5 * sigma, "{seconds} s: {worst} {sigma}");
+            assert!(sigma < 2.0 * worst, "{seconds} s: {worst} {sigma}");
         }
     }
 }

@@ -18,7 +18,7 @@ pub struct ImuModel {
 }
 
 impl ImuModel {
-    /// Factors on the white noise densities in a step of this length.
+    /// Factors on the white noise densities in a step of this length between two samples.
     pub fn inflation(&self, step: Duration) -> Inflation {
         Inflation::over(step, &self.gate, &self.noise)
     }
@@ -37,12 +37,14 @@ pub struct TimedPoint {
 #[derive(Clone, Debug)]
 pub struct ImuHistory {
     samples: VecDeque<TimedPoint>,
+    /// The oldest is none that was taken: the second, held back.
+    is_held_back: bool,
 }
 
 impl ImuHistory {
     /// With room for `capacity` samples before it grows.
     pub fn with_capacity(capacity: usize) -> ImuHistory {
-        ImuHistory { samples: VecDeque::with_capacity(capacity) }
+        ImuHistory { samples: VecDeque::with_capacity(capacity), is_held_back: false }
     }
 
     /// Time of the newest sample.
@@ -68,6 +70,7 @@ impl ImuHistory {
     pub fn forget_before(&mut self, t: Time) {
         while self.samples.get(1).is_some_and(|second| second.t <= t) {
             self.samples.pop_front();
+            self.is_held_back = false;
         }
     }
 
@@ -117,12 +120,22 @@ impl ImuHistory {
         }
     }
 
+    /// Factors on the white noise densities in the step between two samples that ends at `t` or has `t` in it.
+    pub fn inflation_at(&self, t: Time, model: &ImuModel) -> Inflation {
+        let step = self.sampling_period_at(t);
+        if self.is_held_back && self.first_from(t) <= 1 {
+            return Inflation::held(step, &model.gate, &model.noise);
+        }
+        model.inflation(step)
+    }
+
     /// Holds the oldest sample back to an earlier instant `t`: what a restarted estimator knows of the time before.
     pub fn hold_back_to(&mut self, t: Time) {
         if let Some(&oldest) = self.samples.front()
             && t < oldest.t
         {
             self.samples.push_front(TimedPoint { t, point: oldest.point });
+            self.is_held_back = true;
         }
     }
 
@@ -146,7 +159,7 @@ impl ImuHistory {
         let mut last = TimedPoint { t: from, point: self.at(from)? };
         let end = TimedPoint { t: to, point: self.at(to)? };
         // The first step and the last may be parts of one between two samples, which may be a gap.
-        let inflation = |one: Time, other: Time| model.inflation(self.sampling_period_at(one.max(other)));
+        let inflation = |one: Time, other: Time| self.inflation_at(one.max(other), model);
         let mut step = |next: &TimedPoint, inflation: Inflation| {
             let dt = next.t - last.t;
             if dt != Duration::ZERO {
@@ -185,8 +198,8 @@ impl ImuHistory {
         let mut samples = self.between(from, Time::MAX).peekable();
         for (t, end) in ends {
             while let Some(next) = samples.next_if(|sample| sample.t <= t) {
-                let dt = next.t - last.t;
-                run.step(&model.noise, dt.as_seconds(), &last.point, &next.point, model.inflation(dt));
+                let dt = (next.t - last.t).as_seconds();
+                run.step(&model.noise, dt, &last.point, &next.point, self.inflation_at(next.t, model));
                 last = *next;
             }
             if t == last.t {
@@ -197,7 +210,7 @@ impl ImuHistory {
             let next = samples.peek()?;
             let at = interpolate(&last, next, t);
             let mut side = run;
-            let inflation = model.inflation(next.t - last.t);
+            let inflation = self.inflation_at(next.t, model);
             side.step(&model.noise, (t - last.t).as_seconds(), &last.point, &at, inflation);
             give(end, &side);
         }
@@ -236,6 +249,33 @@ mod tests {
             let piece = variance(from, to);
             assert!((piece / whole - 1.0).abs() < 1e-9, "{from} to {to}: {piece:e} {whole:e}");
         }
+    }
+
+    #[test]
+    fn what_is_held_back_to_before_the_first_sample_is_less_certain_than_what_lies_between_two() {
+        let model = ImuModel { noise: noise(), gate: Config::default().navigator.imu };
+        let whole = |history: &ImuHistory| {
+            let (from, to, zero) = (Time::from_seconds(0.0), Time::from_seconds(0.61), Vector3::zeros());
+            let mut prefix = None;
+            let ends = [(to, ())].into_iter();
+            history.prefixes(from, ends, (&zero, &zero), &model, |(), run| prefix = Some(*run)).expect("inside");
+            let piece = history.integrate(from, to, &zero, &zero, &model).expect("inside");
+            assert_eq!(prefix, Some(piece));
+            piece.covariance()[(6, 6)]
+        };
+        let mut between = ImuHistory::with_capacity(4);
+        for t in [0.0, 0.6, 0.605, 0.61] {
+            between.push(Time::from_seconds(t), ImuPoint::default());
+        }
+        let mut held = ImuHistory::with_capacity(4);
+        for t in [0.6, 0.605, 0.61] {
+            held.push(Time::from_seconds(t), ImuPoint::default());
+        }
+        held.hold_back_to(Time(0));
+        // ωT/2 in place of (ωT)²/12.
+        assert!((whole(&held).sqrt() / whole(&between).sqrt() - 5.0).abs() < 0.01);
+        held.forget_before(Time::from_seconds(0.6));
+        assert_eq!(held.inflation_at(Time::from_seconds(0.605), &model), Inflation::NONE);
     }
 
     #[test]

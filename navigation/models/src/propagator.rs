@@ -280,11 +280,15 @@ impl Propagator {
             None => (next.point, t_keyframe, next.t - t_keyframe),
         };
         let gaps = &self.config.navigator.imu;
-        let inflation = Inflation::over(spacing, gaps, &self.config.vehicle.imu);
+        let noise = &self.config.vehicle.imu;
+        let inflation = match previous {
+            Some(_) => Inflation::over(spacing, gaps, noise),
+            None => Inflation::held(spacing, gaps, noise),
+        };
         self.has_bridged_gap |= spacing > gaps.gap;
         self.is_blind |= spacing > BLIND;
         let dt = (next.t - t_first).as_seconds();
-        self.increment.step(&self.config.vehicle.imu, dt, &first, &next.point, inflation);
+        self.increment.step(noise, dt, &first, &next.point, inflation);
     }
 
     fn estimate(&self, header: Header) -> NavEstimate {

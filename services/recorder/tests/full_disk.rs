@@ -2,6 +2,7 @@
 //! process: hence one test, and a file of its own.
 #![expect(clippy::unwrap_used, reason = "a test may fail where it stands")]
 
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 use ilns_bus::{Bus, Owner, Prefix};
@@ -16,6 +17,15 @@ const PERIOD: i64 = 5_000_000;
 fn imu(step: i64) -> ImuSample {
     let header = Header { t_arrival: 1_000, ..Header::at(Time(step * PERIOD)) };
     ImuSample { header, gyro_body: [0.1; 3], accel_body: [0.0, 0.0, 9.8] }
+}
+
+/// Two more flushes than it had at the first look.
+fn two_more() -> impl Fn(&Heartbeat) -> bool {
+    let flushes = Cell::new(u64::MAX);
+    move |beat| {
+        flushes.set(flushes.get().min(beat.work.count));
+        beat.work.count >= flushes.get() + 2
+    }
 }
 
 #[test]
@@ -62,17 +72,8 @@ fn a_recorder_outlives_a_full_disk_counts_what_it_lost_and_goes_on_in_the_same_f
     setrlimit(Resource::Fsize, Rlimit { current: Some(0), ..whole }).unwrap();
     send_until("it counts", &|beat| beat.dropped > 100);
     setrlimit(Resource::Fsize, whole).unwrap();
-    let flushes = std::cell::Cell::new(u64::MAX);
-    let two_more = |beat: &Heartbeat| {
-        flushes.set(flushes.get().min(beat.work.count));
-        beat.work.count >= flushes.get() + 2
-    };
-    let before = send_until("it is asked again", &two_more);
-    let flushes = std::cell::Cell::new(u64::MAX);
-    let sent = send_until("it goes on", &|beat| {
-        flushes.set(flushes.get().min(beat.work.count));
-        beat.work.count >= flushes.get() + 2
-    });
+    let before = send_until("it is asked again", &two_more());
+    let sent = send_until("it goes on", &two_more());
     shutdown.request();
     recorder.join().unwrap().unwrap();
 

@@ -194,12 +194,8 @@ fn decode(bytes: &[u8], terms: &CheckpointTerms) -> Result<Solution, CheckpointE
         calibration: kept.calibration,
         calibration_sigma: kept.calibration_sigma,
         counts: kept.counts.map(|(used, rejected)| SensorCounts { used, rejected }),
-        cost: 0.0,
-        keyframes: 0,
-        iterations: 0,
-        linearised: 0,
-        status: 0,
-        solve_ns: 0,
+        // How it was found is not kept.
+        ..Solution::empty()
     })
 }
 
@@ -234,12 +230,7 @@ mod tests {
             calibration: [1e-3, 0.02],
             calibration_sigma: [1e-4, 0.01],
             counts: [SensorCounts { used: 9, rejected: [3; REJECT_REASONS.len()] }; 7],
-            cost: 0.0,
-            keyframes: 0,
-            iterations: 0,
-            linearised: 0,
-            status: 0,
-            solve_ns: 0,
+            ..Solution::empty()
         };
         solution.covariance[3][4] = -0.125;
         solution

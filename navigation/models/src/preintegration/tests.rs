@@ -5,6 +5,7 @@ use nalgebra::{SMatrix, SVector, UnitQuaternion};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
+use crate::inertial::ImuWeight;
 use crate::testing::{
     assert_jacobians_agree, fingerprint, golden_piece, noise, numeric_jacobian, random, random_increment, random_state,
     random_vector,
@@ -284,11 +285,59 @@ fn inflated_noise_grows_the_covariance_and_not_the_mean() {
         Preintegration::new(Vector3::zeros(), Vector3::zeros()),
         Preintegration::new(Vector3::zeros(), Vector3::zeros()),
     );
-    plain.step(&noise(), 0.05, &samples[0], &samples[1], Inflation::NONE);
-    inflated.step(&noise(), 0.05, &samples[0], &samples[1], Inflation { force: 10.0, rate: 10.0 });
-    assert_eq!(plain.alpha, inflated.alpha);
+    // Without the walks of the biases, which go on as they are.
+    let white = ImuNoise { accel_bias_random_walk: 0.0, gyro_bias_random_walk: 0.0, ..noise() };
+    let at = |step: u32| ImuPoint::interpolate(&samples[0], &samples[1], f64::from(step) / f64::from(BRIDGE_STEPS));
+    for step in 0..BRIDGE_STEPS {
+        plain.step(&white, 0.05 / f64::from(BRIDGE_STEPS), &at(step), &at(step + 1), Inflation::NONE);
+    }
+    let tenfold = Inflation { force: 10.0, rate: 10.0 };
+    inflated.step(&white, 0.05, &samples[0], &samples[1], tenfold);
+    assert_eq!(plain.increment, inflated.increment);
     assert_relative_eq!(plain.increment_covariance() * 100.0, inflated.increment_covariance(), max_relative = 1e-12);
-    assert_eq!(plain.bias_walk(), inflated.bias_walk());
+    let mut walking = Preintegration::new(Vector3::zeros(), Vector3::zeros());
+    walking.step(&noise(), 0.05, &samples[0], &samples[1], tenfold);
+    let walks = [noise().accel_bias_random_walk, noise().gyro_bias_random_walk];
+    for (found, walk) in walking.bias_walk().into_iter().zip(walks) {
+        assert_relative_eq!(found, 0.05 * walk * walk, max_relative = 1e-12);
+    }
+}
+
+#[test]
+fn the_covariance_over_a_gap_is_that_of_white_noise_and_can_be_inverted() {
+    let held = ImuPoint { accel_body: Vector3::new(0.0, 0.0, 9.8), ..ImuPoint::default() };
+    let noise = noise();
+    let inflation = Inflation { force: 300.0, rate: 700.0 };
+    for (from, gap) in [(0.0, 0.7), (0.0, -0.7), (0.0, 0.03), (0.005, 2.0)] {
+        let mut bridged = Preintegration::new(Vector3::zeros(), Vector3::zeros());
+        bridged.step(&noise, from, &held, &held, Inflation::NONE);
+        bridged.step(&noise, gap, &held, &held, inflation);
+        // Of ∫n, ∫∫n over T: qT, qT²/2, qT³/3; horizontally gravity goes with the tilt. Upwards the forces are alone.
+        let q = (noise.accel_noise_density * inflation.force).powi(2);
+        let p = bridged.increment_covariance();
+        let t: f64 = gap;
+        for (row, column, expected) in
+            [(2, 2, q * t.abs().powi(3) / 3.0), (2, 5, q * t * t.abs() / 2.0), (5, 5, q * t.abs())]
+        {
+            assert_relative_eq!(p[(row, column)], expected, max_relative = if from == 0.0 { 2e-3 } else { 1e-2 });
+        }
+        let weight = ImuWeight::new(&bridged).expect("it can be inverted");
+        let p15 = bridged.covariance();
+        for axis in 0..9 {
+            let known_of_the_rest = 1.0 / (weight.information[(axis, axis)] * p15[(axis, axis)]);
+            assert!((1e-4..=1.0).contains(&known_of_the_rest), "{gap} s, axis {axis}: {known_of_the_rest:e}");
+        }
+    }
+}
+
+#[test]
+fn an_increment_of_one_step_has_no_weight_whatever_rounding_makes_of_it() {
+    for seed in 0..200 {
+        let samples = turning_samples(seed, 2);
+        let mut single = Preintegration::new(Vector3::zeros(), Vector3::zeros());
+        single.step(&noise(), 0.005 * (1.0 + (seed % 40) as f64), &samples[0], &samples[1], Inflation::NONE);
+        assert!(ImuWeight::new(&single).is_err(), "seed {seed}");
+    }
 }
 
 /// Runs of noisy samples against the noise-free run; the error is true minus computed, counted from the bias at the start

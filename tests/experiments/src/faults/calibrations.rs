@@ -83,7 +83,8 @@ fn line(wrong: &Wrong, search: &str, traces: &[Trace], clean: &[Trace]) -> Strin
     let count = traces.len().max(1) as f64;
     let mean = |of: &dyn Fn(&Trace) -> f64| traces.iter().map(of).sum::<f64>() / count;
     let horizontal = |trace: &Trace| trace.rms_since(f64::MIN)[0];
-    let ratio = traces.iter().zip(clean).map(|(trace, clean)| horizontal(trace) / horizontal(clean)).sum::<f64>() / count;
+    let ratio =
+        traces.iter().zip(clean).map(|(trace, clean)| horizontal(trace) / horizontal(clean)).sum::<f64>() / count;
     let outside = mean(&|trace| {
         let (out, all) = trace.outside();
         100.0 * out as f64 / all.max(1) as f64

@@ -2,7 +2,7 @@
 
 use shared_types::{Mode, RejectReason, Sensor};
 
-use crate::faults::run::Trace;
+use crate::faults::run::{ABEAM, BUOY, PASSED, Row, TURN, Trace};
 
 /// The catalogue says 3, which the largest of a run's hundred or so independent errors exceeds by chance in a quarter of all
 /// honest runs; it exceeds 4 in one of two hundred.
@@ -41,6 +41,12 @@ pub enum Expect {
     Declared(Mode, f64),
     /// The first reading of the sensor after the end of the fault is accepted within so many s.
     Accepted(Sensor, f64),
+    /// With one buoy, passed on a straight course: its distance is known to so many m, whatever the place.
+    Distance(f64),
+    /// With one buoy: mean of squared error over sigma at most so large, horizontally, until the turn.
+    Nees(f64),
+    /// With one buoy: so many s after the turn the estimate is for good nearer to the vehicle than to its mirror image.
+    Resolved(f64),
 }
 
 /// From the first fault's beginning to the last one's end, s.
@@ -78,6 +84,9 @@ impl Expect {
             Expect::Refused(sensor, share) => format!("{sensor} refused >= {:.0} %", 100.0 * share),
             Expect::Declared(mode, limit) => format!("{mode} <= {limit} s"),
             Expect::Accepted(sensor, limit) => format!("{sensor} accepted <= {limit} s"),
+            Expect::Distance(limit) => format!("distance of the buoy <= {limit} m off"),
+            Expect::Nees(limit) => format!("NEES <= {limit}"),
+            Expect::Resolved(limit) => format!("mirror resolved <= {limit} s"),
         }
     }
 
@@ -93,7 +102,10 @@ impl Expect {
             | Expect::Heading(limit)
             | Expect::Vertical(limit)
             | Expect::Declared(_, limit)
-            | Expect::Accepted(_, limit) => found <= limit,
+            | Expect::Accepted(_, limit)
+            | Expect::Distance(limit)
+            | Expect::Nees(limit)
+            | Expect::Resolved(limit) => found <= limit,
             Expect::Step(limit) | Expect::StepAfter(limit) => found <= self.found(clean, clean, time).max(limit),
             Expect::Peak => found <= clean.worst().0.max(PEAK),
             Expect::Counted(..) => found >= 1.0,
@@ -143,8 +155,28 @@ impl Expect {
                 }
             }
             Expect::Accepted(sensor, _) => trace.accepted_after(sensor, time.to).unwrap_or(f64::INFINITY),
+            Expect::Distance(_) => {
+                let straight = since(PASSED).filter(|row| row.t < TURN[0]);
+                straight.map(|row| distance_error(row).abs()).fold(0.0, f64::max)
+            }
+            Expect::Nees(_) => trace.until(TURN[0]).nees()[0],
+            Expect::Resolved(_) => {
+                let is_wrong = |row: &&Row| row.error_enu[0].hypot(row.error_enu[1]) >= ABEAM;
+                match trace.rows.iter().rfind(is_wrong) {
+                    Some(last) if trace.rows.last().is_some_and(|end| end.t <= last.t) => f64::INFINITY,
+                    Some(last) => (last.t - TURN[1]).max(0.0),
+                    None => 0.0,
+                }
+            }
         }
     }
+}
+
+/// How much further from the buoy the estimate is than the vehicle, m.
+fn distance_error(row: &Row) -> f64 {
+    let distance = |place: [f64; 3]| (0..3).map(|axis| (place[axis] - BUOY[axis]).powi(2)).sum::<f64>().sqrt();
+    let estimated = [0, 1, 2].map(|axis| row.truth_enu[axis] + row.error_enu[axis]);
+    distance(estimated) - distance(row.truth_enu)
 }
 
 /// Readings of a sensor that its faults changed or sent twice.

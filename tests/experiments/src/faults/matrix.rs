@@ -53,9 +53,12 @@ pub fn time_of(specs: &[FaultSpec]) -> FaultTime {
 
 /// Runs of `seeds` without faults, in their order.
 pub fn clean_runs(seeds: u64, sets: &[String]) -> Result<Vec<Trace>, TrialError> {
-    let runs: Vec<FaultRun> = (1..=seeds)
-        .map(|seed| FaultRun { setting: Setting::AsItIs, faults: Vec::new(), sets: sets.to_vec(), seed })
-        .collect();
+    clean_runs_in(Setting::AsItIs, seeds, sets)
+}
+
+fn clean_runs_in(setting: Setting, seeds: u64, sets: &[String]) -> Result<Vec<Trace>, TrialError> {
+    let runs: Vec<FaultRun> =
+        (1..=seeds).map(|seed| FaultRun { setting, faults: Vec::new(), sets: sets.to_vec(), seed }).collect();
     in_parallel(&runs, |run| run.run()?.map_err(TrialError::Panicked))
 }
 
@@ -154,7 +157,17 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
     let is_wanted =
         |number: u8| args.only.as_deref().is_none_or(|only| only.eq_ignore_ascii_case(&format!("F{number}")));
     let cases: Vec<&Case> = CASES.iter().filter(|case| is_wanted(case.number)).collect();
-    let clean = clean_runs(args.seeds, &args.sets)?;
+    let mut references: Vec<(Setting, Vec<Trace>)> = Vec::new();
+    for case in &cases {
+        let setting = case.setting.reference();
+        if references.iter().all(|(known, _)| *known != setting) {
+            references.push((setting, clean_runs_in(setting, args.seeds, &args.sets)?));
+        }
+    }
+    let clean_of = |case: &Case| {
+        let of_setting = references.iter().find(|(setting, _)| *setting == case.setting.reference());
+        of_setting.map_or(&[][..], |(_, clean)| clean)
+    };
     let runs: Vec<FaultRun> = cases
         .iter()
         .flat_map(|case| {
@@ -175,7 +188,7 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
     let mut totals = (0, 0);
     for number in (1..=40).filter(|number| is_wanted(*number)) {
         for (index, case) in cases.iter().enumerate().filter(|(_, case)| case.number == number) {
-            let line = Line::new(case, &outcomes[index * per_case..(index + 1) * per_case], &clean);
+            let line = Line::new(case, &outcomes[index * per_case..(index + 1) * per_case], clean_of(case));
             totals = (totals.0 + line.passed, totals.1 + args.seeds - line.passed);
             println!("{}", row(case, &line, args.seeds));
         }

@@ -8,7 +8,8 @@ use nav_evaluation::{EstimatePoint, Pair, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
 use shared_types::{
-    AIDING, CALIBRATIONS, Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS, Solution,
+    AIDING, CALIBRATIONS, Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS,
+    Solution,
 };
 use sim_faults::{FaultSpec, Tally};
 use sim_world::{Preset, Scenario, World};
@@ -31,7 +32,29 @@ pub enum Setting {
     Heading(f64),
     /// The position that the estimation starts from is so many m too far east, and its sigma knows nothing of that.
     Position(f64),
+    /// Another mission: `scenarios/one_buoy.toml`.
+    OneBuoy(Start),
 }
+
+/// What is known of the position at the start of `scenarios/one_buoy.toml`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Start {
+    /// To the 3 m that stand there.
+    Known,
+    /// Within so many m, 1-sigma per axis.
+    Within(f64),
+    /// As much, and it is the mirror image: as far to the west of the buoy as it is to its east.
+    Mirrored(f64),
+}
+
+/// The buoy of `scenarios/one_buoy.toml`, and half the way from the vehicle on its straight course to its mirror image, m.
+pub const BUOY: [f64; 3] = [0.0, 300.0, 0.0];
+/// See [`BUOY`].
+pub const ABEAM: f64 = 150.0;
+/// From this time on it has been passed; s.
+pub const PASSED: f64 = 200.0;
+/// The turn begins and ends, s.
+pub const TURN: [f64; 2] = [252.0, 262.0];
 
 /// What to run.
 #[derive(Clone, Debug)]
@@ -51,6 +74,8 @@ pub struct FaultRun {
 pub struct Row {
     /// s.
     pub t: f64,
+    /// Where the vehicle was, m.
+    pub truth_enu: [f64; 3],
     /// Estimate minus truth, m.
     pub error_enu: [f64; 3],
     /// 1-sigma, m.
@@ -106,6 +131,19 @@ pub fn scenario() -> Result<Scenario, TrialError> {
 }
 
 impl Setting {
+    /// What a run in this setting is held against.
+    pub fn reference(self) -> Setting {
+        match self {
+            Setting::OneBuoy(_) => Setting::OneBuoy(Start::Known),
+            _ => Setting::AsItIs,
+        }
+    }
+
+    fn scenario(self) -> Result<Scenario, TrialError> {
+        let Setting::OneBuoy(_) = self else { return scenario() };
+        Ok(Scenario::parse(include_str!("../../scenarios/one_buoy.toml"), Path::new("scenarios/one_buoy.toml"))?)
+    }
+
     /// As in the table; `None`: nothing to say.
     pub fn name(self) -> Option<String> {
         match self {
@@ -114,6 +152,11 @@ impl Setting {
             Setting::Deeper(depth) => Some(format!("{depth} m deeper")),
             Setting::Heading(error) => Some(format!("start with a heading wrong by {error} deg")),
             Setting::Position(error) => Some(format!("start {error} m off")),
+            Setting::OneBuoy(Start::Known) => Some("one buoy, no compass: start known".to_owned()),
+            Setting::OneBuoy(Start::Within(sigma)) => Some(format!("one buoy, no compass: start within {sigma} m")),
+            Setting::OneBuoy(Start::Mirrored(sigma)) => {
+                Some(format!("one buoy, no compass: start within {sigma} m, mirrored"))
+            }
         }
     }
 
@@ -121,7 +164,8 @@ impl Setting {
         match self {
             Setting::At(place) => scenario.origin_deg[..2].copy_from_slice(&place),
             Setting::Deeper(depth) => scenario.origin_deg[2] -= depth,
-            Setting::AsItIs | Setting::Heading(_) | Setting::Position(_) => {}
+            Setting::OneBuoy(Start::Within(sigma) | Start::Mirrored(sigma)) => scenario.initial.sigma_position = sigma,
+            Setting::AsItIs | Setting::Heading(_) | Setting::Position(_) | Setting::OneBuoy(Start::Known) => {}
         }
     }
 
@@ -136,7 +180,10 @@ impl Setting {
             Setting::Position(error) => {
                 initial.position_enu = initial.position_enu.map(|[east, north, up]| [east + error, north, up]);
             }
-            Setting::AsItIs | Setting::At(_) | Setting::Deeper(_) => {}
+            Setting::OneBuoy(Start::Mirrored(_)) => {
+                initial.position_enu = initial.position_enu.map(|[_, north, up]| [BUOY[0] - ABEAM, north, up]);
+            }
+            Setting::AsItIs | Setting::At(_) | Setting::Deeper(_) | Setting::OneBuoy(_) => {}
         }
     }
 }
@@ -147,7 +194,7 @@ impl FaultRun {
     /// # Errors
     /// [`TrialError`]: the scenario or a setting is wrong.
     pub fn run(&self) -> Result<Outcome, TrialError> {
-        let mut scenario = scenario()?;
+        let mut scenario = self.setting.scenario()?;
         self.setting.place(&mut scenario);
         let world = World::new(&scenario, Preset::Realistic, self.seed)?;
         let facts = ConfigText::new("sensors.toml", world.sensors_toml());
@@ -247,6 +294,7 @@ impl Logbook {
     fn pair(&mut self, pair: &Pair) {
         self.rows.push(Row {
             t: pair.estimate.t.as_seconds(),
+            truth_enu: pair.truth_position_enu.into(),
             error_enu: pair.position_error_enu.into(),
             sigma_enu: pair.estimate.sigma_position_enu.into(),
             heading_error_deg: pair.attitude_error.z.to_degrees(),
@@ -290,6 +338,13 @@ impl Trace {
     #[must_use]
     pub fn since(&self, from: f64) -> Trace {
         let rows = self.rows.iter().filter(|row| row.t >= from).copied().collect();
+        Trace { rows, ..self.clone() }
+    }
+
+    /// The same without the rows from `to` s on.
+    #[must_use]
+    pub fn until(&self, to: f64) -> Trace {
+        let rows = self.rows.iter().filter(|row| row.t < to).copied().collect();
         Trace { rows, ..self.clone() }
     }
 
