@@ -109,8 +109,11 @@ impl Drop for LiveSet {
 
 fn spawn(prefix: &Prefix, scratch: &Path, starts: u32) -> std::io::Result<Child> {
     let mut log = OpenOptions::new().append(true).create(true).open(log_file(scratch))?;
+    // With a monitor, which shows itself to nobody here: it is a part of the set, and dies like the others.
     let mut arguments: Vec<OsString> =
-        ["run", "--headless", "--resume", "--preset", "realistic", "--log-level", "warn"].map(OsString::from).into();
+        ["run", "--web", "127.0.0.1:0", "--resume", "--preset", "realistic", "--log-level", "warn"]
+            .map(OsString::from)
+            .into();
     arguments.extend(["--prefix".into(), prefix.name().into()]);
     arguments.extend(["--scenario".into(), mission::write(scratch)?.into()]);
     arguments.extend(["--out".into(), record(scratch, starts).into()]);
