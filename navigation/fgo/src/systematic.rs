@@ -307,7 +307,7 @@ impl Systematic {
         };
         if deviation > POSSIBLE {
             self.term = term;
-            self.sigma = self.sigma.max(found.hypot(sigma).min(4.0 * largest));
+            self.sigma = self.sigma.max(found.hypot(sigma).min(largest));
         } else if self.was_corrected {
             self.term = term;
             self.sigma = self.sigma.min(sigma);
