@@ -10,11 +10,14 @@ use sim_faults::FaultSpec;
 /// What to run.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Seeds per class, 1 to N.
+    /// Seeds per class, N from the first on.
     #[arg(long, default_value_t = 4)]
     pub seeds: u64,
-    /// Only this class of the catalogue, such as F12.
-    #[arg(long, value_name = "F")]
+    /// The first seed: others than those that something was chosen on.
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub first: u64,
+    /// Only this class of the catalogue, such as F12, or the faults with this text in them.
+    #[arg(long, value_name = "TEXT")]
     pub only: Option<String>,
     /// Any configuration key, for every run.
     #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
@@ -52,8 +55,8 @@ pub fn time_of(specs: &[FaultSpec]) -> FaultTime {
 }
 
 /// Runs of `seeds` without faults, in their order.
-pub fn clean_runs(seeds: u64, sets: &[String]) -> Result<Vec<Trace>, TrialError> {
-    let runs: Vec<FaultRun> = (1..=seeds)
+pub fn clean_runs(seeds: impl Iterator<Item = u64>, sets: &[String]) -> Result<Vec<Trace>, TrialError> {
+    let runs: Vec<FaultRun> = seeds
         .map(|seed| FaultRun { setting: Setting::AsItIs, faults: Vec::new(), sets: sets.to_vec(), seed })
         .collect();
     in_parallel(&runs, |run| run.run()?.map_err(TrialError::Panicked))
@@ -151,19 +154,17 @@ impl Line {
 /// [`TrialError`] of a setting, or of the clean runs.
 #[expect(clippy::print_stdout, reason = "the table is the product of this command")]
 pub fn run(args: &Args) -> Result<(), TrialError> {
-    let is_wanted =
+    let is_class =
         |number: u8| args.only.as_deref().is_none_or(|only| only.eq_ignore_ascii_case(&format!("F{number}")));
-    let cases: Vec<&Case> = CASES.iter().filter(|case| is_wanted(case.number)).collect();
-    let clean = clean_runs(args.seeds, &args.sets)?;
+    let is_named =
+        |case: &Case| args.only.as_deref().is_some_and(|only| case.faults.iter().any(|fault| fault.contains(only)));
+    let cases: Vec<&Case> = CASES.iter().filter(|case| is_class(case.number) || is_named(case)).collect();
+    let seeds = || args.first..args.first + args.seeds;
+    let clean = clean_runs(seeds(), &args.sets)?;
     let runs: Vec<FaultRun> = cases
         .iter()
         .flat_map(|case| {
-            (1..=args.seeds).map(|seed| FaultRun {
-                setting: case.setting,
-                faults: case.specs(),
-                sets: args.sets.clone(),
-                seed,
-            })
+            seeds().map(|seed| FaultRun { setting: case.setting, faults: case.specs(), sets: args.sets.clone(), seed })
         })
         .collect();
     let outcomes = in_parallel(&runs, FaultRun::run)?;
@@ -173,13 +174,13 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
     println!("|---|---|---|---|---|---|---|---|---|---|");
     let per_case = args.seeds as usize;
     let mut totals = (0, 0);
-    for number in (1..=40).filter(|number| is_wanted(*number)) {
+    for number in 1..=40 {
         for (index, case) in cases.iter().enumerate().filter(|(_, case)| case.number == number) {
             let line = Line::new(case, &outcomes[index * per_case..(index + 1) * per_case], &clean);
             totals = (totals.0 + line.passed, totals.1 + args.seeds - line.passed);
             println!("{}", row(case, &line, args.seeds));
         }
-        if let Some(place) = elsewhere(number) {
+        if let Some(place) = elsewhere(number).filter(|_| is_class(number)) {
             println!("| F{number} | {place} | – | – | – | – | – | – | – | – |");
         }
     }
