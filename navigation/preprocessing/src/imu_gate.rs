@@ -5,6 +5,7 @@
 
 use shared_types::{Duration, ImuGateConfig, ImuSample, RejectReason, Time};
 
+use crate::axes::Axes;
 use crate::leaps::Leaps;
 use crate::repetition::Repetition;
 
@@ -31,6 +32,7 @@ pub struct ImuGate {
     config: ImuGateConfig,
     repetition: Repetition<6>,
     leaps: Leaps,
+    axes: Axes,
     /// The last sample had its place in time and said nothing.
     is_blind: bool,
     t_accepted: Option<Time>,
@@ -59,6 +61,7 @@ impl ImuGate {
             config: *config,
             repetition: Repetition::new(FROZEN, BEGINNING),
             leaps: Leaps::new(config.gap),
+            axes: Axes::new(config.gap),
             is_blind: false,
             t_accepted: None,
             t_leapt: None,
@@ -108,6 +111,7 @@ impl ImuGate {
         }
         let Some(t_before) = self.t_accepted else {
             self.leaps.is_leap(t, sample);
+            self.axes.have_changed(t, sample);
             return Ok(None);
         };
         let step = t - t_before;
@@ -126,7 +130,7 @@ impl ImuGate {
         }
         let ([gx, gy, gz], [ax, ay, az]) = (sample.gyro_body, sample.accel_body);
         let is_frozen = self.repetition.is_frozen(&[gx, gy, gz, ax, ay, az]);
-        if is_frozen || self.leaps.is_leap(t, sample) {
+        if is_frozen || self.leaps.is_leap(t, sample) || self.axes.have_changed(t, sample) {
             self.is_blind = is_frozen || step > self.config.gap;
             return Err(if is_frozen { RejectReason::Stuck } else { RejectReason::OutOfRange });
         }

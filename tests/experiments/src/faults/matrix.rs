@@ -270,6 +270,7 @@ mod tests {
         assert_met(&[
             "imu.stuck@120..180",
             "imu.sign@120..180",
+            "imu.axes@120..180",
             "imu.rail=8.7,78@150..151",
             "imu.shock=0.05,30@130..135",
         ]);
