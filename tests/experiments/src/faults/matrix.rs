@@ -282,6 +282,11 @@ mod tests {
     }
 
     #[test]
+    fn an_imu_whose_clock_leaps_for_half_a_second_is_bridged() {
+        assert_met(&["imu.stamp=1@150..150.5"]);
+    }
+
+    #[test]
     fn the_outcome_does_not_depend_on_company_or_order() {
         let run = FaultRun {
             setting: Setting::AsItIs,
