@@ -287,6 +287,16 @@ mod tests {
     }
 
     #[test]
+    fn fixes_that_ranges_contradict_are_refused() {
+        assert_met(&["gnss.jump=50@265..", "gnss.drag=5@260..", "gnss.drag=0.2@260.."]);
+    }
+
+    #[test]
+    fn depths_that_leap_or_feel_waves_are_refused_and_velocities_hold_the_height() {
+        assert_met(&["ps.bias=0.3@120..", "ps.swell=0.5,8@245.."]);
+    }
+
+    #[test]
     fn the_outcome_does_not_depend_on_company_or_order() {
         let run = FaultRun {
             setting: Setting::AsItIs,
