@@ -271,7 +271,9 @@ impl Ties {
             list_candidate(report, candidate, verdict);
             if verdict.refused {
                 counts.rejected[RejectReason::Gated.index()] += 1;
-                systematics.observe_refused(place, &candidate.innovation, verdict.weight);
+                if !verdict.contradicted {
+                    systematics.observe_refused(place, &candidate.innovation, verdict.weight);
+                }
             } else {
                 counts.used += 1;
                 t_newest = t_newest.max(candidate.factor.t);

@@ -18,6 +18,18 @@ const DISSENT_FOR: Duration = Duration(10_000_000_000);
 const DISSENT_WITHIN: Duration = Duration(10_000_000_000);
 /// A sensor that has been silent for longer settles no doubt.
 const SETTLED_BY: Duration = Duration(10_000_000_000);
+/// So long a sensor vouches for the state that has agreed with it: several epochs of ranges.
+const VOUCHES_FOR: Duration = Duration(5_000_000_000);
+/// After so long nobody vouches against a sensor any more: what is off for longer may be the state after all.
+const VOUCHED_AGAINST: Duration = Duration(300_000_000_000);
+/// Before that what is refused may be refused for its stamp.
+const CONTRADICTED_FOR: Duration = Duration(10_000_000_000);
+/// A reading of which its kernel leaves less counts for nothing.
+const NEGLIGIBLE: f64 = 0.01;
+/// Weight of one depth in the mean of their innovations, and how far off that may be for a pressure sensor to return that others
+/// contradict, in sigmas of the sensor and of the state: a clogged port comes back slowly, and waves pass through the truth.
+const LATELY: f64 = 0.1;
+const RETURNS: [f64; 2] = [0.5, 2.0];
 
 /// A measurement that has been evaluated and waits for its judgement.
 pub trait Candidate {
@@ -36,6 +48,8 @@ pub trait Candidate {
 pub struct Verdict {
     /// Its gate refused it.
     pub refused: bool,
+    /// Others contradict its sensor, and have for long: what it says is no evidence of its stamps either.
+    pub contradicted: bool,
     /// Weight of its kernel at its innovation.
     pub weight: f64,
     /// What the gate lets through, as [`Innovation::gate`] has it; twice 0 without one.
@@ -49,6 +63,12 @@ pub struct Judges {
     refusals: [Refusals; SENSORS.len()],
     /// Newest reading.
     t_heard: [Time; SENSORS.len()],
+    /// Newest fix, velocity or epoch of ranges most of which the gate would let through.
+    t_agreed: [Time; SENSORS.len()],
+    /// Mean of the latest whitened innovations of depth.
+    depth_mean: f64,
+    /// A fix of the present run of refusals counted for nothing.
+    is_fix_far: bool,
     /// Newest fix or epoch of ranges most of which is improbable.
     t_improbable: Time,
     /// The same, the second of two close to each other.
@@ -63,6 +83,9 @@ impl Default for Judges {
             shares: Default::default(),
             refusals: Default::default(),
             t_heard: [Time::MIN; SENSORS.len()],
+            t_agreed: [Time::MIN; SENSORS.len()],
+            depth_mean: 0.0,
+            is_fix_far: false,
             t_improbable: Time::MIN,
             t_dissent: Time::MIN,
             doubts: Default::default(),
@@ -100,7 +123,30 @@ impl Judges {
         self.refusals[Sensor::Gnss.index()].run()
     }
 
+    /// Whether others, by agreeing with the state, say that it is this sensor that is wrong: where the vehicle is, against its
+    /// velocity and its fixes; how fast it rises, against its depth. Not for ever, nor where the inertial sensors are to blame.
+    fn is_contradicted(&self, sensor: Sensor, t: Time) -> bool {
+        let witnesses: &[Sensor] = match sensor {
+            Sensor::Dvl => &[Sensor::Lbl, Sensor::Gnss],
+            Sensor::Gnss => &[Sensor::Lbl],
+            Sensor::Ps => &[Sensor::Dvl, Sensor::Gnss],
+            _ => &[],
+        };
+        let (_, since) = self.refusals[sensor.index()].run();
+        let is_too_long = since.is_some_and(|since| t - since > VOUCHED_AGAINST);
+        let agrees = |witness: &Sensor| {
+            let t_agreed = self.t_agreed[witness.index()];
+            t_agreed > Time::MIN && (t - t_agreed).abs() <= VOUCHES_FOR
+        };
+        witnesses.iter().any(agrees) && !is_too_long && !self.is_inertial_to_blame()
+    }
+
     /// Judges what one sensor measured at `t`: gates, sets weights, tells of each. What was refused leaves the group.
+    ///
+    /// A sensor that its gate has refused five times in a row is admitted by its kernel: the state may be what is wrong. Unless
+    /// others agree with the state and the kernel leaves nothing of the reading, or never lets go of it: then it stays refused.
+    /// The latter also where there is no gate.
+    ///
     /// With `shares_offset` the group is an epoch of ranges with a common unknown offset, judged without its median.
     pub fn judge<C: Candidate>(
         &mut self,
@@ -120,8 +166,15 @@ impl Judges {
             is_gated &= take_out_median(group);
         }
         let admits = self.refusals[sensor.index()].admits_next();
+        let is_contradicted = self.is_contradicted(sensor, t);
+        let (_, since) = self.refusals[sensor.index()].run();
+        let is_long = since.is_some_and(|since| t - since > CONTRADICTED_FOR);
+        let is_returning = admits
+            && is_contradicted
+            && (is_gated && sensor == Sensor::Ps || self.is_fix_far && sensor == Sensor::Gnss);
+        let (depth_mean, is_fix_far) = (&mut self.depth_mean, &mut self.is_fix_far);
         let (share, doubt) = (&mut self.shares[sensor.index()], &mut self.doubts[sensor.index()]);
-        let (mut passed_any, mut improbable, all) = (false, 0, group.len());
+        let (mut passed, mut improbable, all) = (0, 0, group.len());
         group.retain_mut(|candidate| {
             let components = candidate.components();
             let kernel = candidate.kernel();
@@ -129,14 +182,27 @@ impl Judges {
             let is_improbable = share.observe(innovation.nis, components);
             doubt.observe(t, is_improbable);
             improbable += usize::from(is_improbable);
-            let passes = innovation.passes(sensor, components);
-            passed_any |= passes;
-            let refused = is_gated && !passes && !admits;
+            let is_off = match sensor {
+                Sensor::Ps if innovation.whitened[0].is_finite() => {
+                    *depth_mean += LATELY * (innovation.whitened[0] - *depth_mean);
+                    is_off(*depth_mean, innovation)
+                }
+                // A receiver that settles comes through the gate before it is right.
+                Sensor::Gnss => is_improbable,
+                _ => false,
+            };
+            let passes = innovation.passes(sensor, components) && !(is_returning && is_off);
+            passed += usize::from(passes);
             let weight = innovation.first_weight(kernel);
+            let is_redescending = matches!(kernel, Kernel::Cauchy(_) | Kernel::AdaptiveCauchy(_));
+            let is_void = is_contradicted && (weight < NEGLIGIBLE || !is_redescending);
+            let refused =
+                !passes && (is_returning || if is_gated { !admits || is_void } else { is_void && is_redescending });
+            *is_fix_far |= sensor == Sensor::Gnss && refused;
             let counted = weight * credit(kernel, components);
             candidate.rows().iter_mut().for_each(|row| row.weight = counted);
             let gate = if is_gated { Innovation::gate(sensor, components) } else { [0.0; 2] };
-            tell(candidate, Verdict { refused, weight, gate });
+            tell(candidate, Verdict { refused, contradicted: is_void && is_long, weight, gate });
             !refused
         });
         // Of a single range nothing is known of its kind: it may be an echo.
@@ -146,10 +212,21 @@ impl Judges {
             }
             self.t_improbable = self.t_improbable.max(t);
         }
+        if 2 * passed > all {
+            self.t_agreed[sensor.index()] = t.max(self.t_agreed[sensor.index()]);
+        }
         if is_gated || sensor == Sensor::Gnss {
-            self.refusals[sensor.index()].observe(t, passed_any);
+            self.refusals[sensor.index()].observe(t, passed > 0);
+            self.is_fix_far &= sensor != Sensor::Gnss || passed == 0;
         }
     }
+}
+
+/// Whether the mean of the latest whitened innovations is off by more than sensor and state explain.
+fn is_off(mean: f64, innovation: &Innovation) -> bool {
+    let share = innovation.state_share.max(0.0);
+    let limit = RETURNS[0] + RETURNS[1] * share.sqrt();
+    mean.abs() * (1.0 + share).sqrt() > limit
 }
 
 /// Takes the median of an epoch's innovations out of each; `false` where too few ranges are there to know it.
@@ -179,7 +256,7 @@ mod tests {
     use super::*;
     use shared_types::Config;
 
-    struct Read(Innovation);
+    struct Read(Innovation, Kernel);
 
     impl Candidate for Read {
         fn rows(&mut self) -> &mut [Row] {
@@ -192,7 +269,7 @@ mod tests {
             1
         }
         fn kernel(&self) -> Kernel {
-            Kernel::None
+            self.1
         }
     }
 
@@ -205,7 +282,10 @@ mod tests {
             let nis = whitened[0] * whitened[0];
             for &sensor in sensors {
                 let t = Time::from_seconds(f64::from(second));
-                let mut group = vec![Read(Innovation { whitened, nis, state_share: 0.0, slopes: Default::default() })];
+                let mut group = vec![Read(
+                    Innovation { whitened, nis, state_share: 0.0, slopes: Default::default() },
+                    Kernel::None,
+                )];
                 judges.judge(sensor, config.navigator.sensor(sensor).expect("aiding"), false, t, &mut group, |_, _| {});
             }
         }
@@ -218,5 +298,68 @@ mod tests {
         assert!(blamed(&[Sensor::Lbl, Sensor::Dvl]));
         assert!(!blamed(&[Sensor::Dvl, Sensor::Ps]), "dead reckoning");
         assert!(!blamed(&[Sensor::Mcp]), "one alone");
+    }
+
+    /// Whether a reading of a sensor at `t`, so many sigmas off, is refused, with the kernel and gate of its defaults.
+    fn is_refused(judges: &mut Judges, sensor: Sensor, t: f64, off: f64) -> bool {
+        let navigator = Config::default().navigator;
+        let config = navigator.sensor(sensor).expect("aiding");
+        let kernel = judges.kernel(sensor, config);
+        let innovation = Innovation { whitened: [off, 0.0, 0.0], nis: off * off, state_share: 0.0, slope: [0.0; 3] };
+        let mut refused = false;
+        let mut group = vec![Read(innovation, kernel)];
+        judges.judge(sensor, config, false, Time::from_seconds(t), &mut group, |_, verdict| refused = verdict.refused);
+        refused
+    }
+
+    #[test]
+    fn a_velocity_that_is_far_off_stays_refused_while_ranges_agree() {
+        for (hears_ranges, expected) in [(true, 100), (false, 5)] {
+            let mut judges = Judges::default();
+            let refused = (0..100).filter(|&reading| {
+                let t = 0.2 * f64::from(reading);
+                if hears_ranges && reading % 5 == 0 {
+                    assert!(!is_refused(&mut judges, Sensor::Lbl, t, 0.5));
+                }
+                is_refused(&mut judges, Sensor::Dvl, t, 80.0)
+            });
+            assert_eq!(refused.count(), expected, "ranges heard: {hears_ranges}");
+            assert!(!is_refused(&mut judges, Sensor::Dvl, 20.2, 1.0), "what is right again returns at once");
+        }
+    }
+
+    #[test]
+    fn a_fix_that_is_far_off_is_refused_without_a_gate_where_ranges_agree() {
+        let mut judges = Judges::default();
+        assert!(!is_refused(&mut judges, Sensor::Gnss, 0.0, 500.0), "nobody else says where it is");
+        assert!(!is_refused(&mut judges, Sensor::Lbl, 1.0, 0.5));
+        assert!(is_refused(&mut judges, Sensor::Gnss, 1.0, 500.0));
+        assert!(!is_refused(&mut judges, Sensor::Gnss, 2.0, 6.0), "its kernel says how much of it counts");
+        assert!(!is_refused(&mut judges, Sensor::Gnss, 7.0, 500.0), "no range for six seconds");
+    }
+
+    #[test]
+    fn a_depth_that_leapt_stays_refused_while_velocities_agree_and_returns_when_it_is_right_on_average() {
+        let mut judges = Judges::default();
+        let mut depth = |t: f64, off: f64| {
+            assert!(!is_refused(&mut judges, Sensor::Dvl, t, 0.5));
+            is_refused(&mut judges, Sensor::Ps, t, off)
+        };
+        assert!((0..100).all(|reading| !depth(0.1 * f64::from(reading), 1.0)));
+        assert!((100..200).all(|reading| depth(0.1 * f64::from(reading), 30.0)));
+        assert!((200..300).all(|reading| depth(0.1 * f64::from(reading), 2.5)), "each would pass, their mean does not");
+        let refused = (300..400).filter(|&reading| depth(0.1 * f64::from(reading), 0.2)).count();
+        assert!((5..40).contains(&refused), "{refused}");
+    }
+
+    #[test]
+    fn nobody_is_contradicted_for_longer_than_five_minutes() {
+        let mut judges = Judges::default();
+        let refused = (0..400).filter(|&second| {
+            let t = f64::from(second);
+            assert!(!is_refused(&mut judges, Sensor::Dvl, t, 0.5));
+            is_refused(&mut judges, Sensor::Ps, t, 30.0)
+        });
+        assert_eq!(refused.count(), 301);
     }
 }

@@ -5,6 +5,7 @@
 
 use shared_types::{Duration, ImuGateConfig, ImuSample, RejectReason, Time};
 
+use crate::axes::Axes;
 use crate::leaps::Leaps;
 use crate::repetition::Repetition;
 
@@ -31,9 +32,12 @@ pub struct ImuGate {
     config: ImuGateConfig,
     repetition: Repetition<6>,
     leaps: Leaps,
+    axes: Axes,
     /// The last sample had its place in time and said nothing.
     is_blind: bool,
     t_accepted: Option<Time>,
+    /// When that arrived, ns of the clock of arrivals.
+    arrived: i64,
     /// A sample that leapt ahead, until the next one confirms it.
     t_leapt: Option<Time>,
 }
@@ -59,8 +63,10 @@ impl ImuGate {
             config: *config,
             repetition: Repetition::new(FROZEN, BEGINNING),
             leaps: Leaps::new(config.gap),
+            axes: Axes::new(config.gap),
             is_blind: false,
             t_accepted: None,
+            arrived: 0,
             t_leapt: None,
         }
     }
@@ -72,6 +78,7 @@ impl ImuGate {
         match self.judge(sample) {
             Ok(step) => {
                 self.t_accepted = Some(Time(sample.header.t_valid));
+                self.arrived = sample.header.t_arrival;
                 self.t_leapt = None;
                 let gap = step.filter(|&step| step > self.config.gap);
                 ImuVerdict::Accept { gap, long: gap.is_some_and(|gap| gap > self.config.long_gap) }
@@ -108,6 +115,7 @@ impl ImuGate {
         }
         let Some(t_before) = self.t_accepted else {
             self.leaps.is_leap(t, sample);
+            self.axes.have_changed(t, sample);
             return Ok(None);
         };
         let step = t - t_before;
@@ -124,13 +132,28 @@ impl ImuGate {
                 return Err(RejectReason::OutOfRange);
             }
         }
+        if self.runs_ahead(step, sample) {
+            return Err(RejectReason::OutOfRange);
+        }
         let ([gx, gy, gz], [ax, ay, az]) = (sample.gyro_body, sample.accel_body);
         let is_frozen = self.repetition.is_frozen(&[gx, gy, gz, ax, ay, az]);
-        if is_frozen || self.leaps.is_leap(t, sample) {
+        if is_frozen || self.leaps.is_leap(t, sample) || self.axes.have_changed(t, sample) {
             self.is_blind = is_frozen || step > self.config.gap;
             return Err(if is_frozen { RejectReason::Stuck } else { RejectReason::OutOfRange });
         }
         Ok(Some(step))
+    }
+
+    /// Whether the stamp, `step` after the last, has left the clock of arrivals behind: no silence, but a clock that was set, for a
+    /// while or for good (F21). For good when it has gone on for longer than it leapt.
+    fn runs_ahead(&self, step: Duration, sample: &ImuSample) -> bool {
+        let waited = Duration(sample.header.t_arrival.saturating_sub(self.arrived));
+        // A log may know of no arrivals, and a batch arrives at one instant.
+        if waited <= Duration::ZERO {
+            return false;
+        }
+        let lead = Duration(step.0.saturating_sub(waited.0));
+        lead > self.config.long_gap && waited <= lead.min(LEAP)
     }
 }
 
@@ -236,6 +259,33 @@ mod tests {
         assert_eq!(gate.check(&imu(0.12)), ImuVerdict::Accept { gap, long: false });
         let gap = Some(Duration::from_seconds(1.0));
         assert_eq!(gate.check(&imu(1.12)), ImuVerdict::Accept { gap, long: true });
+    }
+
+    #[test]
+    fn stamps_that_leave_the_clock_of_arrivals_behind_are_refused_for_as_long_as_they_leapt() {
+        let at = |t: f64, t_arrival: f64| {
+            let mut sample = imu(t);
+            sample.header.t_arrival = Time::from_seconds(t_arrival).0;
+            sample
+        };
+        let mut gate = gate();
+        assert_eq!(gate.check(&at(9.995, 109.995)), PASSES);
+        let leapt = |step: i32| at(11.0 + 0.005 * f64::from(step), 110.0 + 0.005 * f64::from(step));
+        assert!((0..100).all(|step| gate.check(&leapt(step)) == ImuVerdict::Reject(RejectReason::OutOfRange)));
+        let gap = Some(Duration::from_seconds(0.505));
+        assert!(matches!(gate.check(&at(10.5, 110.5)), ImuVerdict::Accept { gap: found, .. } if found == gap));
+        // For good: believed when the last good sample is a second old, as long ago as it leapt. Arrivals from 110.505 s on.
+        let refused = (101..400).filter(|&step| matches!(gate.check(&leapt(step)), ImuVerdict::Reject(_))).count();
+        assert!((199..=201).contains(&refused), "{refused}");
+    }
+
+    #[test]
+    fn a_silence_that_is_heard_as_one_is_no_leap_of_the_clock() {
+        let mut gate = gate();
+        gate.check(&imu(1.0));
+        let mut late = imu(2.0);
+        late.header.t_arrival = Time::from_seconds(2.1).0;
+        assert!(matches!(gate.check(&late), ImuVerdict::Accept { long: true, .. }));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use shared_types::{Duration, ImuSample, Time};
 const LEAP_ACCEL: f64 = 15.0;
 const LEAP_RATE: f64 = 2.0;
 /// The longest run that is weighed, in samples: five minutes at 200 Hz.
-const LONGEST: u32 = 60_000;
+pub(crate) const LONGEST: u32 = 60_000;
 
 /// The last sample that was no leap, and the runs on both sides.
 #[derive(Clone, Debug)]

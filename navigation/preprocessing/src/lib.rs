@@ -8,6 +8,7 @@
 //! | `preprocessor.rs` | the whole walk, reading by reading |
 //! | `imu_gate.rs` | does this IMU sample count? |
 //! | `leaps.rs` | can an IMU's numbers change as fast as that? |
+//! | `axes.rs` | have an IMU's axes changed places? |
 //! | `repetition.rs` | has an instrument frozen? |
 //! | `event_time.rs` | in which order are readings of several channels taken up? |
 //! | `duplicates.rs` | did exactly this reading come before? |
@@ -19,6 +20,7 @@
 //! | `keyframe_times.rs` | when is the next keyframe, and which were the last? |
 //! | `time_offset.rs` | to which keyframe is a reading tied, and with which offset? |
 
+mod axes;
 mod buoy_tracks;
 mod duplicates;
 mod event_time;

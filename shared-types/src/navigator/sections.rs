@@ -179,7 +179,9 @@ section!(PsSection {
     enabled: bool = true;
     kernel: KernelName = KernelName::Huber;
     kernel_width: f64 = 1.345;
-    gate: bool = false;
+    /// A port that leaps, clogs or feels waves is off by what Huber lets pull for ever; where velocities or fixes agree with the
+    /// state it is refused, and the height held by those.
+    gate: bool = true;
     time_offset: TimeOffsetName = TimeOffsetName::Estimated;
     time_offset_value: f64 = 0.0;
     /// Full ocean depth.

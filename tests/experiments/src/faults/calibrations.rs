@@ -52,7 +52,7 @@ const SEARCHES: [(&str, &[&str]); 3] = [
 /// [`TrialError`] of a setting, or of a run that panicked.
 #[expect(clippy::print_stdout, reason = "the table is the product of this command")]
 pub fn run(args: &Args) -> Result<(), TrialError> {
-    let clean = clean_runs(args.seeds, &[&args.sets[..], &owned(SEARCHES[0].1)].concat())?;
+    let clean = clean_runs(1..=args.seeds, &[&args.sets[..], &owned(SEARCHES[0].1)].concat())?;
     println!(
         "| wrong | looked for | RMS H, m | H / clean | NEES H | beyond 3 sigma, % | estimated - injected at the end, % | its sigma, % |"
     );

@@ -106,7 +106,7 @@ fn found(trace: &Trace, shape: &Shape, sensor: usize) -> Found {
 /// [`TrialError`] of a setting, or of a run that panicked.
 #[expect(clippy::print_stdout, reason = "the table is the product of this command")]
 pub fn run(args: &Args) -> Result<(), TrialError> {
-    let clean = clean_runs(args.seeds, &args.sets)?;
+    let clean = clean_runs(1..=args.seeds, &args.sets)?;
     println!(
         "| sensor | stamps late by | RMS H, m | U, m | H / clean | U / clean | NEES H | U | beyond 3 sigma, % | estimated - injected, s | its sigma, s | found after, s |"
     );

@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
         if rows.is_empty() {
             continue;
         }
-        let clean = clean_runs(args.seeds, &sets)?;
+        let clean = clean_runs(1..=args.seeds, &sets)?;
         println!("{}", line(subset.name, "none", &clean.iter().collect::<Vec<&Trace>>(), &clean, 0));
         let runs: Vec<FaultRun> = rows
             .iter()

@@ -8,8 +8,7 @@ use nav_evaluation::{EstimatePoint, Pair, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Output, Rebase, Unmeasured};
 use shared_types::{
-    AIDING, CALIBRATIONS, Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, RawReading, SENSORS,
-    Solution,
+    AIDING, CALIBRATIONS, Config, ConfigText, Duration, Mode, NavEstimate, REJECT_REASONS, SENSORS, Solution,
 };
 use sim_faults::{FaultSpec, Tally};
 use sim_world::{Preset, Scenario, World};
@@ -215,27 +214,27 @@ impl FaultRun {
         // All of it beforehand: a wrong stamp of the IMU must not find it missing.
         world.truth_rows(RATE).for_each(|row| scorer.truth(&row));
         let mut faults = world.faults(&self.faults, None);
-        let mut push = |reading: &RawReading, scorer: &mut Scorer, log: &mut Logbook| {
-            navigator.push(reading, &mut Unmeasured, &mut |output| match output {
-                Output::Estimate(estimate) if estimate.mode() != Mode::Initialising => {
-                    log.estimate(estimate);
-                    scorer.estimate_with(&EstimatePoint::from(estimate), |pair| log.pair(pair));
-                }
-                Output::Solution(solution, _) => log.solution(solution),
-                Output::Estimate(_) | Output::Origin(_) | Output::Lagged(_) => {}
-            });
+        let mut sink = |output: Output<'_>| match output {
+            Output::Estimate(estimate) if estimate.mode() != Mode::Initialising => {
+                log.estimate(estimate);
+                scorer.estimate_with(&EstimatePoint::from(estimate), |pair| log.pair(pair));
+            }
+            Output::Solution(solution, _) => log.solution(solution),
+            Output::Estimate(_) | Output::Origin(_) | Output::Lagged(_) => {}
         };
         for reading in world.readings().map(Ok::<_, Infallible>) {
             let Ok(reading) = reading;
             faults.push(reading);
             while let Some(reading) = faults.pop() {
-                push(&reading, &mut scorer, &mut log);
+                navigator.push(&reading, &mut Unmeasured, &mut sink);
             }
         }
         faults.finish();
         while let Some(reading) = faults.pop() {
-            push(&reading, &mut scorer, &mut log);
+            navigator.push(&reading, &mut Unmeasured, &mut sink);
         }
+        // Without it the readings of the last moments would be counted nowhere.
+        navigator.finish(&mut Unmeasured, &mut sink);
         let mut trace = Trace {
             rows: log.rows,
             modes: log.modes,
