@@ -13,7 +13,7 @@ use sim_world::{Preset, Scenario, World};
 const MISSION: Run<'static> = Run { scenario: "mission", preset: Preset::Realistic, seed: 2, sets: &[], until: 150.0 };
 const FILTERS: [&[&str]; 3] = [&["estimator=ekf"], &["estimator=fkf"], &["estimator=fkf", "kalman.reset=false"]];
 /// Nothing is weighed or refused: what is left is linear algebra.
-const PLAIN: [&str; 7] = [
+const PLAIN: [&str; 8] = [
     "lbl.kernel=none",
     "gnss.kernel=none",
     "dvl.kernel=none",
@@ -21,6 +21,7 @@ const PLAIN: [&str; 7] = [
     "ps.kernel=none",
     "lbl.gate=false",
     "dvl.gate=false",
+    "ps.gate=false",
 ];
 
 #[test]
