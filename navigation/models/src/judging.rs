@@ -305,7 +305,8 @@ mod tests {
         let navigator = Config::default().navigator;
         let config = navigator.sensor(sensor).expect("aiding");
         let kernel = judges.kernel(sensor, config);
-        let innovation = Innovation { whitened: [off, 0.0, 0.0], nis: off * off, state_share: 0.0, slope: [0.0; 3] };
+        let innovation =
+            Innovation { whitened: [off, 0.0, 0.0], nis: off * off, state_share: 0.0, slopes: Default::default() };
         let mut refused = false;
         let mut group = vec![Read(innovation, kernel)];
         judges.judge(sensor, config, false, Time::from_seconds(t), &mut group, |_, verdict| refused = verdict.refused);
