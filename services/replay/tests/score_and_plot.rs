@@ -102,6 +102,7 @@ fn facts() -> RunFacts {
         received: [9; 7],
         counts,
         time_offsets: ([0.0, 0.0, 0.25, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0, 0.0]),
+        calibrations: ([0.0; 2], [0.0; 2]),
     }
 }
 
