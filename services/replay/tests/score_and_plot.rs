@@ -102,7 +102,7 @@ fn facts() -> RunFacts {
         received: [9; 7],
         counts,
         time_offsets: ([0.0, 0.0, 0.25, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0, 0.0]),
-        calibrations: ([0.0; 2], [0.0; 2]),
+        calibrations: ([0.003, 0.0], [1e-4, 0.0]),
     }
 }
 
@@ -119,6 +119,9 @@ fn the_summary_holds_what_was_promised() {
     assert_eq!((summary.estimates, summary.keyframes, summary.iterations), (SAMPLES as u64, 300, 310));
     assert!((summary.duration_s - 299.995).abs() < 1e-9, "{summary:?}");
     assert_eq!(summary.sensors["lbl"].rejected["gated"], 3);
+    let scale = &summary.sensors["lbl"].calibrations["range_scale"];
+    assert!((scale.value - 0.3).abs() < 1e-12 && (scale.sigma - 0.01).abs() < 1e-12 && scale.unit == "%", "{scale:?}");
+    assert!(summary.sensors["dvl"].calibrations.is_empty());
     assert_eq!(summary.origin, ORIGIN);
     assert!((summary.modes["DEAD_RECKONING"] - 50.0 / 300.0).abs() < 1e-9);
     // A histogram of three digits keeps 0.1 %.
