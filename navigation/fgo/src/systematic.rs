@@ -57,6 +57,10 @@ const SURER: f64 = 3.0;
 /// Standard deviations at which an error is possible.
 const POSSIBLE: f64 = 2.5;
 
+/// χ² per degree of freedom above which a calibration does not explain the innovations: the state itself may be wrong, as with a
+/// heading turned round, and a scale of the ranges would only hide that.
+const EXPLAINED: f64 = 1.5;
+
 /// What may be believed of an error, in its unit.
 #[derive(Clone, Copy, Debug)]
 struct Limits {
@@ -81,9 +85,9 @@ const fn limits(error: usize) -> Limits {
         return STAMP;
     }
     match CALIBRATIONS[error - STAMPS] {
-        // 75 m/s of sound speed at most.
+        // 30 m/s of sound speed at most.
         Calibration::RangeScale => {
-            Limits { smallest: 5e-5, range: [-0.05, 0.05], vague: 2e-3, wandering: 1e-5, wandering_most: 3e-4 }
+            Limits { smallest: 5e-5, range: [-0.02, 0.02], vague: 2e-3, wandering: 1e-5, wandering_most: 3e-4 }
         }
         Calibration::DvlScale => {
             Limits { smallest: 3e-4, range: [-0.05, 0.05], vague: 0.01, wandering: 1e-5, wandering_most: 1e-3 }
@@ -296,6 +300,9 @@ impl Systematic {
                 let (found, sigma) = scores[term].plus(&self.refused[term]).found(largest)?;
                 let (squares, freedom) = self.innovations[term];
                 let left = (squares - (found / sigma).powi(2)) / freedom.max(1.0);
+                if index >= STAMPS && left > EXPLAINED {
+                    return None;
+                }
                 Some((term, found, sigma * left.max(1.0).sqrt()))
             })
             .max_by(|a, b| (a.1.abs() / a.2).total_cmp(&(b.1.abs() / b.2)))?;
@@ -450,6 +457,16 @@ mod tests {
         };
         assert_eq!(errors.judge(scores, SECOND), Some(Correction { error: SCALE, by: 0.03, term: 1 }));
         assert_eq!((errors.of(SCALE), errors.of(DVL)), (0.03, 0.0));
+    }
+
+    #[test]
+    fn a_calibration_that_leaves_the_innovations_large_is_not_the_cause() {
+        let unexplained = Innovation { whitened: [0.0; 3], nis: 3.0, state_share: 0.0, slopes: Default::default() };
+        for (readings, expected) in [(0, Some(0.03)), (500, None)] {
+            let mut errors = offsets(TimeOffset::Estimated(0.0));
+            (0..readings).for_each(|_| errors.observe(DVL, &unexplained, 1, 1.0));
+            assert_eq!(judge(&mut errors, SCALE, score(0.03, 0.003)).map(|correction| correction.by), expected);
+        }
     }
 
     #[test]
