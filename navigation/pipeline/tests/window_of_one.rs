@@ -36,6 +36,7 @@ fn config(estimator: &str) -> Config {
         "dvl.lever_arm=[0.4, -0.15, 0.25]".into(),
         "lbl.lever_arm=[-0.2, 0.1, -0.3]".into(),
         "gnss.max_depth=1000.0".into(),
+        "lbl.calibrate=false".into(),
     ];
     let plain = ["lbl", "gnss", "dvl", "mcp", "ps"]
         .into_iter()
