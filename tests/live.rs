@@ -113,7 +113,7 @@ fn assert_lagged_is_reproduced(recorded: &str, repeated: &str) {
 }
 
 /// Kills a process by -9 and waits until another one runs in its place.
-fn kill_and_wait(set: &Set, name: &str) {
+fn kill_and_wait(set: &mut Set, name: &str) {
     let is_well = |status: &Value, restarts: u64| {
         let row = process(status, name);
         row["state"] == "running" && row["restarts"].as_u64().is_some_and(|count| count >= restarts)
@@ -137,7 +137,7 @@ fn estimates_do_not_stop_when_processes_behind_the_fast_path_are_killed() {
     let mut set = Set::start("kills", &arguments);
     set.status_when("solutions come", |status| channel_rate(status, "nav/solution") > 0.5);
     for name in ["solver", "preprocessor", "emulator-dvl", "emulator-lbl", "solver"] {
-        kill_and_wait(&set, name);
+        kill_and_wait(&mut set, name);
         set.status_when(&format!("solutions come after {name} was killed"), |status| {
             channel_rate(status, "nav/solution") > 0.5
         });
@@ -179,7 +179,7 @@ fn a_killed_propagator_or_imu_driver_is_back_in_a_moment() {
     let mut set = Set::start("fast", &arguments);
     set.status_when("solutions come", |status| channel_rate(status, "nav/solution") > 0.5);
     for name in ["propagator", "emulator-imu"] {
-        kill_and_wait(&set, name);
+        kill_and_wait(&mut set, name);
         set.status_when(&format!("estimates come after {name} was killed"), |status| {
             channel_rate(status, "nav/estimate") > 150.0
         });

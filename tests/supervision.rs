@@ -59,7 +59,7 @@ fn a_standard_error_that_nobody_reads_holds_nobody_up() {
 
 #[test]
 fn a_prefix_in_use_is_refused_in_one_line_that_names_its_owner() {
-    let set = Set::start("taken", &MISSION);
+    let mut set = Set::start("taken", &MISSION);
     set.status_when("readings flow", flows);
     let output = ilns(&["run", "--headless", "--prefix", &set.prefix]);
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -98,7 +98,7 @@ fn a_request_that_cannot_be_met_is_one_line_and_code_2() {
 
 #[test]
 fn two_sets_run_side_by_side() {
-    let (one, other) = (Set::start("side", &MISSION), Set::start("side-b", &MISSION));
+    let (mut one, mut other) = (Set::start("side", &MISSION), Set::start("side-b", &MISSION));
     let pid_one = process(&one.status_when("readings flow", flows), "emulator-imu")["pid"].clone();
     let pid_other = process(&other.status_when("readings flow", flows), "emulator-imu")["pid"].clone();
     assert_ne!(pid_one, pid_other);

@@ -46,10 +46,16 @@ impl Set {
     /// Waits for its end: exit code, standard error, how long it took.
     pub fn end(&mut self, limit: Duration) -> (Option<i32>, String) {
         let code = self.child_code(limit);
+        (code, self.errors())
+    }
+
+    /// What an ended one has said on standard error, unless somebody else has taken it.
+    fn errors(&mut self) -> String {
         let mut errors = String::new();
-        let mut pipe = self.child.stderr.take().expect("piped");
-        std::io::Read::read_to_string(&mut pipe, &mut errors).expect("text");
-        (code, errors)
+        if let Some(mut pipe) = self.child.stderr.take() {
+            std::io::Read::read_to_string(&mut pipe, &mut errors).expect("text");
+        }
+        errors
     }
 
     /// Waits for its end: exit code. For those who have taken its standard error.
@@ -65,9 +71,12 @@ impl Set {
     }
 
     /// `ilns status --json` of this set, once it satisfies `wanted`.
-    pub fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub fn status_when(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         let deadline = Instant::now() + PATIENCE;
         loop {
+            if let Some(status) = self.child.try_wait().expect("our own child") {
+                panic!("{what}: it ended before, {status}: {}", self.errors());
+            }
             let output = ilns(&["status", "--json", "--prefix", &self.prefix]);
             let status: Option<Value> = serde_json::from_slice(&output.stdout).ok();
             match status {

@@ -5,6 +5,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, flock};
@@ -20,6 +21,9 @@ use crate::settings::{NODES, service_name, stated_layout};
 
 /// Where the operating system shows shared memory objects.
 const SHARED_MEMORY: &str = "/dev/shm";
+
+/// How long the processes of a dead owner may go on creating files, until they have heard of its death.
+const LAST_BREATH: Duration = Duration::from_secs(2);
 
 /// Senders that can ring one reader: every process of the set, twice over for restarts.
 const RINGERS: usize = 32;
@@ -240,7 +244,7 @@ fn remove_where(directory: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), B
         }
         let path = entry.path();
         let is_directory = entry.file_type().is_ok_and(|kind| kind.is_dir());
-        let removed = if is_directory { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        let removed = if is_directory { remove_filling(&path) } else { fs::remove_file(&path) };
         match removed {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 return Err(BusError::io("remove", path)(error));
@@ -251,6 +255,19 @@ fn remove_where(directory: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), B
     Ok(())
 }
 
+/// Removes a directory that others may still be putting files into.
+fn remove_filling(directory: &Path) -> std::io::Result<()> {
+    let deadline = Instant::now() + LAST_BREATH;
+    loop {
+        match fs::remove_dir_all(directory) {
+            Err(error) if error.kind() == std::io::ErrorKind::DirectoryNotEmpty && Instant::now() < deadline => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            other => return other,
+        }
+    }
+}
+
 fn remove_directory(prefix: &Prefix) -> Result<(), BusError> {
     let (lock, directory) = (prefix.lock_file(), prefix.directory());
     fs::remove_file(&lock).map_err(BusError::io("remove", lock))?;
@@ -258,5 +275,32 @@ fn remove_directory(prefix: &Prefix) -> Result<(), BusError> {
         // Somebody is just taking the prefix and has made a new lock file there.
         Err(error) if error.kind() == std::io::ErrorKind::DirectoryNotEmpty => Ok(()),
         other => other.map_err(BusError::io("remove", directory)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_directory_is_removed_while_somebody_still_puts_files_into_it() {
+        let directory = std::env::temp_dir().join(format!("ilns-filling-{}", std::process::id()));
+        for _ in 0..20 {
+            fs::create_dir(&directory).expect("writable");
+            let until = Instant::now() + Duration::from_millis(20);
+            let fill = |stem: &str| {
+                let names = (0_u32..).take_while(|_| Instant::now() < until);
+                // Once it is gone, nobody can any more.
+                let mut written = names.map(|n| fs::write(directory.join(format!("{stem}{n}")), []));
+                written.all(|written| written.is_ok())
+            };
+            std::thread::scope(|scope| {
+                scope.spawn(|| fill("a"));
+                scope.spawn(|| fill("b"));
+                std::thread::sleep(Duration::from_millis(5));
+                remove_filling(&directory).expect("given time, it is empty once");
+            });
+            assert!(!directory.exists());
+        }
     }
 }
