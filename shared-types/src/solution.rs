@@ -60,7 +60,7 @@ message! {
     ///
     /// Error order of the covariance: position (ENU), velocity (ENU), attitude (body, right perturbation),
     /// accelerometer bias, gyroscope bias.
-    Solution, "ilns.Solution.3", schema 3 {
+    Solution, "ilns.Solution.4", schema 4 {
         /// Sender, order and times; `t_valid` equals `t_keyframe`.
         header: Header,
         /// Counts solutions since the estimation began; estimates name it.
