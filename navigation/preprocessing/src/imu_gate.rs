@@ -9,6 +9,8 @@ use crate::axes::Axes;
 use crate::leaps::Leaps;
 use crate::repetition::Repetition;
 
+/// Weight of one step in the pace of arrivals.
+const PACE_MEMORY: f64 = 1e-3;
 /// A stamp further ahead of its predecessor is believed only when the next sample confirms it. Without this, one wild
 /// stamp would turn every later sample into one that runs backwards. Longer than a restarted driver is silent.
 const LEAP: Duration = Duration(5_000_000_000);
@@ -38,6 +40,9 @@ pub struct ImuGate {
     t_accepted: Option<Time>,
     /// When that arrived, ns of the clock of arrivals.
     arrived: i64,
+    /// What the clock of arrivals and that of the stamps have lately gone between samples without a gap, s: a set that runs faster than
+    /// real time gives its arrivals less.
+    lately: [f64; 2],
     /// A sample that leapt ahead, until the next one confirms it.
     t_leapt: Option<Time>,
 }
@@ -67,6 +72,7 @@ impl ImuGate {
             is_blind: false,
             t_accepted: None,
             arrived: 0,
+            lately: [0.0; 2],
             t_leapt: None,
         }
     }
@@ -77,6 +83,7 @@ impl ImuGate {
         self.is_blind = false;
         match self.judge(sample) {
             Ok(step) => {
+                self.learn_pace(step, sample);
                 self.t_accepted = Some(Time(sample.header.t_valid));
                 self.arrived = sample.header.t_arrival;
                 self.t_leapt = None;
@@ -144,14 +151,24 @@ impl ImuGate {
         Ok(Some(step))
     }
 
+    fn learn_pace(&mut self, step: Option<Duration>, sample: &ImuSample) {
+        let Some(step) = step.filter(|&step| step <= self.config.gap) else { return };
+        let waited = Duration(sample.header.t_arrival.saturating_sub(self.arrived));
+        for (lately, gone) in self.lately.iter_mut().zip([waited, step]) {
+            *lately += gone.as_seconds() - PACE_MEMORY * *lately;
+        }
+    }
+
     /// Whether the stamp, `step` after the last, has left the clock of arrivals behind: no silence, but a clock that was set, for a
     /// while or for good (F21). For good when it has gone on for longer than it leapt.
     fn runs_ahead(&self, step: Duration, sample: &ImuSample) -> bool {
+        let [arrivals, stamps] = self.lately;
         let waited = Duration(sample.header.t_arrival.saturating_sub(self.arrived));
         // A log may know of no arrivals, and a batch arrives at one instant.
-        if waited <= Duration::ZERO {
+        if waited <= Duration::ZERO || arrivals <= 0.0 {
             return false;
         }
+        let waited = Duration::from_seconds(waited.as_seconds() * stamps / arrivals);
         let lead = Duration(step.0.saturating_sub(waited.0));
         lead > self.config.long_gap && waited <= lead.min(LEAP)
     }
@@ -269,7 +286,10 @@ mod tests {
             sample
         };
         let mut gate = gate();
-        assert_eq!(gate.check(&at(9.995, 109.995)), PASSES);
+        for step in -400..0 {
+            let t = 0.005 * f64::from(step);
+            assert_eq!(gate.check(&at(10.0 + t, 110.0 + t)), PASSES);
+        }
         let leapt = |step: i32| at(11.0 + 0.005 * f64::from(step), 110.0 + 0.005 * f64::from(step));
         assert!((0..100).all(|step| gate.check(&leapt(step)) == ImuVerdict::Reject(RejectReason::OutOfRange)));
         let gap = Some(Duration::from_seconds(0.505));
@@ -280,12 +300,18 @@ mod tests {
     }
 
     #[test]
-    fn a_silence_that_is_heard_as_one_is_no_leap_of_the_clock() {
-        let mut gate = gate();
-        gate.check(&imu(1.0));
-        let mut late = imu(2.0);
-        late.header.t_arrival = Time::from_seconds(2.1).0;
-        assert!(matches!(gate.check(&late), ImuVerdict::Accept { long: true, .. }));
+    fn a_silence_that_is_heard_as_one_is_no_leap_of_the_clock_however_fast_the_set_runs() {
+        for rate in [0.5, 1.0, 10.0] {
+            let at = |t: f64| {
+                let mut sample = imu(t);
+                sample.header.t_arrival = Time::from_seconds(100.0 + t / rate).0;
+                sample
+            };
+            let mut gate = gate();
+            assert!((0..400).all(|step| gate.check(&at(0.005 * f64::from(step))) == PASSES));
+            assert!(matches!(gate.check(&at(4.0)), ImuVerdict::Accept { long: true, .. }), "rate {rate}");
+            assert!((801..1000).all(|step| gate.check(&at(0.005 * f64::from(step))) == PASSES), "rate {rate}");
+        }
     }
 
     #[test]
