@@ -28,6 +28,7 @@ pub const TERMS: usize = 2;
 const MEMORIES: [f64; TERMS] = [15.0, 60.0];
 /// Columns: the errors of one memory, then those of the next.
 const WIDTH: usize = TERMS * ERRORS;
+
 /// e^{−dt/T} of one memory.
 pub fn fading(dt: Duration, term: usize) -> f64 {
     (-dt.as_seconds() / MEMORIES[term]).exp()
@@ -179,11 +180,14 @@ impl ColumnPrior {
 mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
+    use shared_types::Calibration;
+
+    use crate::systematic::STAMPS;
 
     const LINKS: usize = 5;
     const SENSOR: usize = 2;
-    /// A calibration.
-    const OTHER: usize = 6;
+    /// A calibration of the same sensor.
+    const OTHER: usize = STAMPS + Calibration::DvlScale.index();
 
     struct Chain {
         links: Vec<Link<DIM>>,
@@ -232,44 +236,72 @@ mod tests {
             }
         }
 
-        /// (S, s, ∂x_n/∂τ) of the offset alone, through the dense matrix.
-        fn dense(&self, error: usize, term: usize) -> (f64, f64, DVector<f64>) {
-            let n = DIM * LINKS;
-            let mut matrix = DMatrix::zeros(n, n);
-            let (mut right, mut coupling) = (DVector::zeros(n), DVector::zeros(n));
-            let (mut information, mut score) = (0.0, 0.0);
+        /// S of one error with another, each by its memory, through the dense matrix.
+        fn dense_crossed(&self, one: (usize, usize), other: (usize, usize)) -> f64 {
+            let (matrix, _) = self.dense_chain();
+            let solved = matrix.try_inverse().expect("regular") * self.dense_coupling(other);
+            let own: f64 = (0..LINKS)
+                .map(|k| self.share(k, one.1) * self.share(k, other.1) * self.own[k].information[(one.0, other.0)])
+                .sum();
+            own - self.dense_coupling(one).dot(&solved)
+        }
+
+        fn share(&self, k: usize, term: usize) -> f64 {
+            fading(Duration::from_seconds(self.times[LINKS - 1] - self.times[k]), term)
+        }
+
+        fn dense_coupling(&self, (error, term): (usize, usize)) -> DVector<f64> {
+            let mut coupling = DVector::zeros(DIM * LINKS);
             for k in 0..LINKS {
+                coupling.rows_mut(k * DIM, DIM).copy_from(&(self.own[k].coupling[error] * self.share(k, term)));
+            }
+            coupling
+        }
+
+        fn dense_chain(&self) -> (DMatrix<f64>, DVector<f64>) {
+            let n = DIM * LINKS;
+            let (mut matrix, mut right) = (DMatrix::zeros(n, n), DVector::zeros(n));
+            for k in 0..LINKS {
+                right.rows_mut(k * DIM, DIM).copy_from(&self.links[k].right);
                 matrix.view_mut((k * DIM, k * DIM), (DIM, DIM)).copy_from(&self.links[k].diagonal);
                 if k + 1 < LINKS {
                     let next = self.links[k].next_transposed;
                     matrix.view_mut(((k + 1) * DIM, k * DIM), (DIM, DIM)).copy_from(&next);
                     matrix.view_mut((k * DIM, (k + 1) * DIM), (DIM, DIM)).copy_from(&next.transpose());
                 }
-                let share = fading(Duration::from_seconds(self.times[LINKS - 1] - self.times[k]), term);
-                let own = &self.own[k];
-                right.rows_mut(k * DIM, DIM).copy_from(&self.links[k].right);
-                coupling.rows_mut(k * DIM, DIM).copy_from(&(own.coupling[error] * share));
-                information += share * share * own.information[(error, error)];
-                score += share * own.right[error];
             }
+            (matrix, right)
+        }
+
+        /// (S, s, ∂x_n/∂g) of one error alone, through the dense matrix.
+        fn dense(&self, error: usize, term: usize) -> (f64, f64, DVector<f64>) {
+            let (matrix, right) = self.dense_chain();
+            let coupling = self.dense_coupling((error, term));
+            let score: f64 = (0..LINKS).map(|k| self.share(k, term) * self.own[k].right[error]).sum();
             let inverse = matrix.try_inverse().expect("regular");
-            let by_offset = -(&inverse * &coupling);
+            let by_error = -(&inverse * &coupling);
             (
-                information + coupling.dot(&by_offset),
+                self.dense_crossed((error, term), (error, term)),
                 score - coupling.dot(&(inverse * right)),
-                by_offset.rows((LINKS - 1) * DIM, DIM).into_owned(),
+                by_error.rows((LINKS - 1) * DIM, DIM).into_owned(),
             )
         }
 
         #[track_caller]
         fn assert_equals_dense(&self) {
             for (error, term) in [(SENSOR, 0), (SENSOR, 1), (OTHER, 0), (OTHER, 1)] {
-                let (information, right, by_offset) = self.dense(error, term);
+                let (information, right, by_error) = self.dense(error, term);
                 let score = self.columns[LINKS - 1].of(error)[term];
                 assert!((score.information - information).abs() < 1e-10, "{} {information}", score.information);
                 assert!((score.right - right).abs() < 1e-11, "{} {right}", score.right);
                 let ours = self.columns[LINKS - 1].state_by_error(&self.links[LINKS - 1], error, term);
-                assert!((ours - by_offset).amax() < 1e-12);
+                assert!((ours - by_error).amax() < 1e-12);
+                for other in [(SENSOR, 0), (SENSOR, 1), (OTHER, 0), (OTHER, 1)] {
+                    let crossed = self.dense_crossed((error, term), other);
+                    let place = (column_of(error, term), column_of(other.0, other.1));
+                    let ours = self.columns[LINKS - 1].information[place];
+                    assert!((ours - crossed).abs() < 1e-10, "{place:?}: {ours} {crossed}");
+                }
             }
         }
     }
