@@ -383,13 +383,6 @@ impl FgoEstimator {
             header: Header::at(t),
             id: self.solutions,
             t_keyframe: t.0,
-            origin: [0.0; 3],
-            position_enu: [0.0; 3],
-            velocity_enu: [0.0; 3],
-            q_enu_body: [1.0, 0.0, 0.0, 0.0],
-            accel_bias: [0.0; 3],
-            gyro_bias: [0.0; 3],
-            covariance: [[0.0; DIM]; DIM],
             t_last_used: self.ties.t_last_used.map(|t| t.0),
             counts: self.ties.counts,
             time_offset: self.time_offsets().0,
@@ -397,7 +390,6 @@ impl FgoEstimator {
             calibration: self.calibrations().0,
             calibration_sigma: self.calibrations().1,
             cost: self.report.cost[1],
-            keyframes: 0,
             iterations: solve.passes,
             linearised: solve.linearised,
             status: match (solve.damped, status, solve.converged) {
@@ -407,7 +399,7 @@ impl FgoEstimator {
                 (false, None, false) => SolutionStatus::NotConverged,
                 (false, None, true) => SolutionStatus::Converged,
             } as u32,
-            solve_ns: 0,
+            ..Solution::empty()
         };
         if let Some(window) = &self.window {
             solution.origin = window.world().frame.origin().to_degrees();

@@ -363,18 +363,10 @@ impl<B: Bank> KalmanEstimator<B> {
             id: self.solutions,
             t_keyframe: t.0,
             origin: self.world.map_or([0.0; 3], |world| world.frame.origin().to_degrees()),
-            position_enu: [0.0; 3],
-            velocity_enu: [0.0; 3],
-            q_enu_body: [1.0, 0.0, 0.0, 0.0],
-            accel_bias: [0.0; 3],
-            gyro_bias: [0.0; 3],
-            covariance: [[0.0; ERROR_DIM]; ERROR_DIM],
             t_last_used: t_last_used.map(|t| t.0),
             counts: self.counts,
             time_offset: self.time_offsets().0,
             time_offset_sigma: self.time_offsets().1,
-            calibration: [0.0; 2],
-            calibration_sigma: [0.0; 2],
             cost: self.report.cost[1],
             keyframes: 1,
             iterations: effects.passes,
@@ -385,7 +377,7 @@ impl<B: Bank> KalmanEstimator<B> {
                 (false, false, true) => SolutionStatus::NotConverged,
                 (false, false, false) => SolutionStatus::Converged,
             } as u32,
-            solve_ns: 0,
+            ..Solution::empty()
         };
         if let Some(now) = &self.now {
             let published = now.bank.published();

@@ -84,28 +84,14 @@ fn benches(criterion: &mut Criterion) {
 
 fn solution(state: &NavState) -> Solution {
     let mut solution = Solution {
-        header: Header::default(),
         id: 1,
-        t_keyframe: 0,
         origin: [36.38, 127.36, 0.0],
-        position_enu: [0.0; 3],
-        velocity_enu: [0.0; 3],
-        q_enu_body: [1.0, 0.0, 0.0, 0.0],
-        accel_bias: [0.0; 3],
-        gyro_bias: [0.0; 3],
-        covariance: [[0.0; 15]; 15],
         t_last_used: [0; 5],
-        time_offset: [0.0; 5],
-        time_offset_sigma: [0.0; 5],
-        calibration: [0.0; 2],
-        calibration_sigma: [0.0; 2],
-        counts: Default::default(),
-        cost: 0.0,
         keyframes: 1,
         iterations: 1,
         linearised: 1,
         status: SolutionStatus::Converged as u32,
-        solve_ns: 0,
+        ..Solution::empty()
     };
     state.write_solution(&(nalgebra::SMatrix::<f64, 15, 15>::identity() * 1e-4), &mut solution);
     solution

@@ -157,24 +157,12 @@ pub(crate) fn solution(
         id: 7,
         t_keyframe: t_keyframe.0,
         origin: world().frame.origin().to_degrees(),
-        position_enu: [0.0; 3],
-        velocity_enu: [0.0; 3],
-        q_enu_body: [1.0, 0.0, 0.0, 0.0],
-        accel_bias: [0.0; 3],
-        gyro_bias: [0.0; 3],
-        covariance: [[0.0; ERROR_DIM]; ERROR_DIM],
         t_last_used: [t_keyframe.0; 5],
-        time_offset: [0.0; 5],
-        time_offset_sigma: [0.0; 5],
-        calibration: [0.0; 2],
-        calibration_sigma: [0.0; 2],
-        counts: [shared_types::SensorCounts::default(); 7],
-        cost: 0.0,
         keyframes: 1,
         iterations: 1,
         linearised: 1,
         status: shared_types::SolutionStatus::Converged as u32,
-        solve_ns: 0,
+        ..shared_types::Solution::empty()
     };
     state.write_solution(covariance, &mut solution);
     solution

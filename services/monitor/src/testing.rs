@@ -97,24 +97,14 @@ pub(crate) fn solution_at(t: f64) -> Solution {
         id: 123,
         t_keyframe: Time::from_seconds(t).0,
         origin: ORIGIN,
-        position_enu: [0.0; 3],
-        velocity_enu: [0.0; 3],
-        q_enu_body: [1.0, 0.0, 0.0, 0.0],
-        accel_bias: [0.0; 3],
-        gyro_bias: [0.0; 3],
-        covariance: [[0.0; 15]; 15],
         t_last_used: [0; 5],
-        time_offset: [0.0; 5],
-        time_offset_sigma: [0.0; 5],
-        calibration: [0.0; 2],
-        calibration_sigma: [0.0; 2],
         counts,
         cost: 12.0,
         keyframes: 20,
         iterations: 2,
         linearised: 3,
-        status: 0,
         solve_ns: 123_456,
+        ..Solution::empty()
     }
 }
 

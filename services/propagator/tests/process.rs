@@ -8,8 +8,7 @@ use ilns_bus::{Bus, Owner, Prefix, Publisher, Subscriber};
 use ilns_propagator::{Args, PropagatorError, run_until};
 use ilns_runtime::{ProcessArgs, Shutdown, monotonic_now};
 use shared_types::{
-    Header, ImuSample, Message, Mode, NavEstimate, Process, ProcessState, RejectReason, SensorCounts, Solution, Time,
-    channel,
+    Header, ImuSample, Message, Mode, NavEstimate, Process, ProcessState, RejectReason, Solution, Time, channel,
 };
 
 /// The part of `ilns propagator`, in a thread.
@@ -64,23 +63,12 @@ fn solution(id: u64, t: f64) -> Solution {
         t_keyframe: t.0,
         origin: [36.0, 127.0, 0.0],
         position_enu: [3.0, 4.0, -5.0],
-        velocity_enu: [0.0; 3],
-        q_enu_body: [1.0, 0.0, 0.0, 0.0],
-        accel_bias: [0.0; 3],
-        gyro_bias: [0.0; 3],
         covariance,
         t_last_used: [t.0, i64::MIN, i64::MIN, i64::MIN, i64::MIN],
-        time_offset: [0.0; 5],
-        time_offset_sigma: [0.0; 5],
-        calibration: [0.0; 2],
-        calibration_sigma: [0.0; 2],
-        counts: [SensorCounts::default(); 7],
-        cost: 0.0,
         keyframes: 2,
         iterations: 1,
         linearised: 2,
-        status: 0,
-        solve_ns: 0,
+        ..Solution::empty()
     }
 }
 

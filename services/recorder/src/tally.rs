@@ -158,27 +158,13 @@ mod tests {
         counts[Sensor::Dvl.index()].rejected[RejectReason::Gated.index()] = 1;
         Solution {
             header: Header { epoch, ..Header::default() },
-            id: 0,
-            t_keyframe: 0,
             origin: [36.0, 127.0, 1.0],
-            position_enu: [0.0; 3],
-            velocity_enu: [0.0; 3],
-            q_enu_body: [1.0, 0.0, 0.0, 0.0],
-            accel_bias: [0.0; 3],
-            gyro_bias: [0.0; 3],
-            covariance: [[0.0; 15]; 15],
             t_last_used: [0; 5],
-            time_offset: [0.0; 5],
-            time_offset_sigma: [0.0; 5],
-            calibration: [0.0; 2],
-            calibration_sigma: [0.0; 2],
             counts,
-            cost: 0.0,
             keyframes,
             iterations: 2,
-            linearised: 0,
-            status: 0,
             solve_ns,
+            ..Solution::empty()
         }
     }
 
