@@ -6,6 +6,8 @@ use shared_types::{Duration, Kernel, SENSORS, Sensor, SensorConfig, Time};
 
 use crate::doubt::{Doubt, is_shared};
 use crate::innovation::{Innovation, Refusals, median};
+use crate::persistence::Persistence;
+use crate::pull::Pull;
 use crate::robust::{ImprobableShare, credit, settle};
 use crate::row::Row;
 
@@ -26,10 +28,6 @@ const VOUCHED_AGAINST: Duration = Duration(300_000_000_000);
 const CONTRADICTED_FOR: Duration = Duration(10_000_000_000);
 /// A reading of which its kernel leaves less counts for nothing.
 const NEGLIGIBLE: f64 = 0.01;
-/// Weight of one depth in the mean of their innovations, and how far off that may be for a pressure sensor to return that others
-/// contradict, in sigmas of the sensor and of the state: a clogged port comes back slowly, and waves pass through the truth.
-const LATELY: f64 = 0.1;
-const RETURNS: [f64; 2] = [0.5, 2.0];
 
 /// A measurement that has been evaluated and waits for its judgement.
 pub trait Candidate {
@@ -65,8 +63,10 @@ pub struct Judges {
     t_heard: [Time; SENSORS.len()],
     /// Newest fix, velocity or epoch of ranges most of which the gate would let through.
     t_agreed: [Time; SENSORS.len()],
-    /// Mean of the latest whitened innovations of depth.
-    depth_mean: f64,
+    /// What they have been like on average.
+    persistence: [Persistence; SENSORS.len()],
+    /// Where ranges and fixes see the vehicle beside the state.
+    pulls: [Pull; SENSORS.len()],
     /// A fix of the present run of refusals counted for nothing.
     is_fix_far: bool,
     /// Newest fix or epoch of ranges most of which is improbable.
@@ -84,7 +84,8 @@ impl Default for Judges {
             refusals: Default::default(),
             t_heard: [Time::MIN; SENSORS.len()],
             t_agreed: [Time::MIN; SENSORS.len()],
-            depth_mean: 0.0,
+            persistence: Default::default(),
+            pulls: Default::default(),
             is_fix_far: false,
             t_improbable: Time::MIN,
             t_dissent: Time::MIN,
@@ -124,7 +125,8 @@ impl Judges {
     }
 
     /// Whether others, by agreeing with the state, say that it is this sensor that is wrong: where the vehicle is, against its
-    /// velocity and its fixes; how fast it rises, against its depth. Not for ever, nor where the inertial sensors are to blame.
+    /// velocity and its fixes; how fast it rises, against its depth. Not for ever, nor where the inertial sensors are to blame, nor a
+    /// velocity where ranges or fixes, each within its gate, together see the vehicle elsewhere: then the state is wrong.
     fn is_contradicted(&self, sensor: Sensor, t: Time) -> bool {
         let witnesses: &[Sensor] = match sensor {
             Sensor::Dvl => &[Sensor::Lbl, Sensor::Gnss],
@@ -138,14 +140,21 @@ impl Judges {
             let t_agreed = self.t_agreed[witness.index()];
             t_agreed > Time::MIN && (t - t_agreed).abs() <= VOUCHES_FOR
         };
-        witnesses.iter().any(agrees) && !is_too_long && !self.is_inertial_to_blame()
+        let sees_it_elsewhere = |witness: &Sensor| {
+            let t_heard = self.t_heard[witness.index()];
+            let is_heard = t_heard > Time::MIN && (t - t_heard).abs() <= VOUCHES_FOR;
+            is_heard && !self.pulls[witness.index()].agrees()
+        };
+        let is_state_wrong = sensor == Sensor::Dvl && witnesses.iter().any(sees_it_elsewhere);
+        witnesses.iter().any(agrees) && !is_state_wrong && !is_too_long && !self.is_inertial_to_blame()
     }
 
     /// Judges what one sensor measured at `t`: gates, sets weights, tells of each. What was refused leaves the group.
     ///
     /// A sensor that its gate has refused five times in a row is admitted by its kernel: the state may be what is wrong. Unless
     /// others agree with the state and the kernel leaves nothing of the reading, or never lets go of it: then it stays refused.
-    /// The latter also where there is no gate.
+    /// The latter also where there is no gate. A depth that they contradict, and a velocity that they have for some seconds, returns
+    /// when it is right on average.
     ///
     /// With `shares_offset` the group is an epoch of ranges with a common unknown offset, judged without its median.
     pub fn judge<C: Candidate>(
@@ -169,10 +178,16 @@ impl Judges {
         let is_contradicted = self.is_contradicted(sensor, t);
         let (_, since) = self.refusals[sensor.index()].run();
         let is_long = since.is_some_and(|since| t - since > CONTRADICTED_FOR);
+        // The state has held out without it, as far as those can tell who know where it is.
+        let has_held_out = since.is_some_and(|since| t - since > VOUCHES_FOR);
         let is_returning = admits
             && is_contradicted
-            && (is_gated && sensor == Sensor::Ps || self.is_fix_far && sensor == Sensor::Gnss);
-        let (depth_mean, is_fix_far) = (&mut self.depth_mean, &mut self.is_fix_far);
+            && (is_gated && (sensor == Sensor::Ps || sensor == Sensor::Dvl && has_held_out)
+                || self.is_fix_far && sensor == Sensor::Gnss);
+        let is_fix_far = &mut self.is_fix_far;
+        let persistence = &mut self.persistence[sensor.index()];
+        // By what the gate refuses and lets through.
+        let mut seen = [Pull::default(); 2];
         let (share, doubt) = (&mut self.shares[sensor.index()], &mut self.doubts[sensor.index()]);
         let (mut passed, mut improbable, all) = (0, 0, group.len());
         group.retain_mut(|candidate| {
@@ -182,15 +197,8 @@ impl Judges {
             let is_improbable = share.observe(innovation.nis, components);
             doubt.observe(t, is_improbable);
             improbable += usize::from(is_improbable);
-            let is_off = match sensor {
-                Sensor::Ps if innovation.whitened[0].is_finite() => {
-                    *depth_mean += LATELY * (innovation.whitened[0] - *depth_mean);
-                    is_off(*depth_mean, innovation)
-                }
-                // A receiver that settles comes through the gate before it is right.
-                Sensor::Gnss => is_improbable,
-                _ => false,
-            };
+            // A receiver that settles comes through the gate before it is right.
+            let is_off = persistence.observe(sensor, innovation) || sensor == Sensor::Gnss && is_improbable;
             let passes = innovation.passes(sensor, components) && !(is_returning && is_off);
             passed += usize::from(passes);
             let weight = innovation.first_weight(kernel);
@@ -200,6 +208,10 @@ impl Judges {
                 !passes && (is_returning || if is_gated { !admits || is_void } else { is_void && is_redescending });
             *is_fix_far |= sensor == Sensor::Gnss && refused;
             let counted = weight * credit(kernel, components);
+            if matches!(sensor, Sensor::Lbl | Sensor::Gnss) {
+                let innovation = *candidate.innovation();
+                seen[usize::from(passes)].observe(candidate.rows(), &innovation);
+            }
             candidate.rows().iter_mut().for_each(|row| row.weight = counted);
             let gate = if is_gated { Innovation::gate(sensor, components) } else { [0.0; 2] };
             tell(candidate, Verdict { refused, contradicted: is_void && is_long, weight, gate });
@@ -212,6 +224,9 @@ impl Judges {
             }
             self.t_improbable = self.t_improbable.max(t);
         }
+        // One wild range among good ones is nobody's place.
+        let first_heard = usize::from(2 * passed > all);
+        self.pulls[sensor.index()].take_in(seen[first_heard..].iter().copied());
         if 2 * passed > all {
             self.t_agreed[sensor.index()] = t.max(self.t_agreed[sensor.index()]);
         }
@@ -220,13 +235,6 @@ impl Judges {
             self.is_fix_far &= sensor != Sensor::Gnss || passed == 0;
         }
     }
-}
-
-/// Whether the mean of the latest whitened innovations is off by more than sensor and state explain.
-fn is_off(mean: f64, innovation: &Innovation) -> bool {
-    let share = innovation.state_share.max(0.0);
-    let limit = RETURNS[0] + RETURNS[1] * share.sqrt();
-    mean.abs() * (1.0 + share).sqrt() > limit
 }
 
 /// Takes the median of an epoch's innovations out of each; `false` where too few ranges are there to know it.
@@ -325,7 +333,16 @@ mod tests {
                 is_refused(&mut judges, Sensor::Dvl, t, 80.0)
             });
             assert_eq!(refused.count(), expected, "ranges heard: {hears_ranges}");
-            assert!(!is_refused(&mut judges, Sensor::Dvl, 20.2, 1.0), "what is right again returns at once");
+            let mut still = |reading: i32, off: f64| {
+                let t = 20.0 + 0.2 * f64::from(reading);
+                if hears_ranges && reading % 5 == 0 {
+                    assert!(!is_refused(&mut judges, Sensor::Lbl, t, 0.5));
+                }
+                is_refused(&mut judges, Sensor::Dvl, t, off)
+            };
+            assert!((0..50).all(|reading| still(reading, 3.0) == hears_ranges), "each would pass, their mean does not");
+            let refused = (50..100).filter(|&reading| still(reading, 0.5)).count();
+            assert!(refused < 10, "what is right again returns soon: {refused}");
         }
     }
 
