@@ -26,6 +26,8 @@ const VOUCHES_FOR: Duration = Duration(5_000_000_000);
 const VOUCHED_AGAINST: Duration = Duration(300_000_000_000);
 /// Before that what is refused may be refused for its stamp.
 const CONTRADICTED_FOR: Duration = Duration(10_000_000_000);
+/// A depth that stamps so late would explain, s, is nobody's to refuse for long: while it dives or rises a vehicle is elsewhere soon.
+const LATE_AT_MOST: f64 = 0.3;
 /// A reading of which its kernel leaves less counts for nothing.
 const NEGLIGIBLE: f64 = 0.01;
 
@@ -153,7 +155,7 @@ impl Judges {
     ///
     /// A sensor that its gate has refused five times in a row is admitted by its kernel: the state may be what is wrong. Unless
     /// others agree with the state and the kernel leaves nothing of the reading, or never lets go of it: then it stays refused.
-    /// The latter also where there is no gate. A depth that they contradict, and a velocity that they have for some seconds, returns
+    /// The latter also where there is no gate. A depth that they contradict (and late stamps would not explain), and a velocity that they have for some seconds, returns
     /// when it is right on average.
     ///
     /// With `shares_offset` the group is an epoch of ranges with a common unknown offset, judged without its median.
@@ -199,11 +201,13 @@ impl Judges {
             improbable += usize::from(is_improbable);
             // A receiver that settles comes through the gate before it is right.
             let is_off = persistence.observe(sensor, innovation) || sensor == Sensor::Gnss && is_improbable;
+            let is_late = sensor == Sensor::Ps && could_be_late(innovation);
+            let is_returning = is_returning && !is_late;
             let passes = innovation.passes(sensor, components) && !(is_returning && is_off);
             passed += usize::from(passes);
             let weight = innovation.first_weight(kernel);
             let is_redescending = matches!(kernel, Kernel::Cauchy(_) | Kernel::AdaptiveCauchy(_));
-            let is_void = is_contradicted && (weight < NEGLIGIBLE || !is_redescending);
+            let is_void = is_contradicted && !is_late && (weight < NEGLIGIBLE || !is_redescending);
             let refused =
                 !passes && (is_returning || if is_gated { !admits || is_void } else { is_void && is_redescending });
             *is_fix_far |= sensor == Sensor::Gnss && refused;
@@ -235,6 +239,11 @@ impl Judges {
             self.is_fix_far &= sensor != Sensor::Gnss || passed == 0;
         }
     }
+}
+
+/// Whether stamps that are late by no more than [`LATE_AT_MOST`] explain it.
+fn could_be_late(innovation: &Innovation) -> bool {
+    innovation.whitened[0].abs() <= innovation.slopes[0][0].abs() * LATE_AT_MOST
 }
 
 /// Takes the median of an epoch's innovations out of each; `false` where too few ranges are there to know it.
@@ -368,6 +377,26 @@ mod tests {
         assert!((200..300).all(|reading| depth(0.1 * f64::from(reading), 2.5)), "each would pass, their mean does not");
         let refused = (300..400).filter(|&reading| depth(0.1 * f64::from(reading), 0.2)).count();
         assert!((5..40).contains(&refused), "{refused}");
+    }
+
+    #[test]
+    fn a_depth_that_late_stamps_would_explain_is_admitted_after_a_while() {
+        let config = Config::default();
+        let config = config.navigator.sensor(Sensor::Ps).expect("aiding");
+        for (rate, expected) in [(0.0, 200), (80.0, 5)] {
+            let mut judges = Judges::default();
+            let mut refused = 0;
+            for reading in 0..200 {
+                let t = 0.1 * f64::from(reading);
+                assert!(!is_refused(&mut judges, Sensor::Dvl, t, 0.5));
+                let slopes = [[rate, 0.0, 0.0], [0.0; 3]];
+                let innovation = Innovation { whitened: [20.0, 0.0, 0.0], nis: 400.0, state_share: 0.0, slopes };
+                let mut group = vec![Read(innovation, judges.kernel(Sensor::Ps, config))];
+                let tell = |_: &mut Read, verdict: Verdict| refused += u32::from(verdict.refused);
+                judges.judge(Sensor::Ps, config, false, Time::from_seconds(t), &mut group, tell);
+            }
+            assert_eq!(refused, expected, "{rate} sigmas per second");
+        }
     }
 
     #[test]
