@@ -59,7 +59,7 @@ ilns.views.tables = (() => {
       const share = row.received ? (100 * refused) / row.received : null;
       const list = (entries) => entries.map(([reason, count]) => `${reason} ${count}`).join(", ");
       const found = row.calibration;
-      const calibration = found ? `${found.name} ${fixed(found.value, 2)} ± ${fixed(found.sigma, 2)} ${found.unit}${blame.length ? ", " : ""}` : "";
+      const calibration = found ? `${found.name} ${fixed(found.value, 3)} ± ${fixed(found.sigma, 3)} ${found.unit}${blame.length ? ", " : ""}` : "";
       const why = ilns.h("span", { title: list(Object.entries(row.rejected ?? {})) }, calibration + list(blame) + (row.lost ? ` (${row.lost} lost)` : ""));
       const silent = row.is_silent;
       const offset = row.time_offset == null ? ilns.UNKNOWN : `${fixed(1e3 * row.time_offset, 1)} ± ${fixed(1e3 * row.time_offset_sigma, 1)}`;
