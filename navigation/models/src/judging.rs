@@ -128,7 +128,7 @@ impl Judges {
 
     /// Whether others, by agreeing with the state, say that it is this sensor that is wrong: where the vehicle is, against its
     /// velocity and its fixes; how fast it rises, against its depth. Not for ever, nor where the inertial sensors are to blame, nor a
-    /// velocity where ranges or fixes, each within its gate, together see the vehicle elsewhere: then the state is wrong.
+    /// velocity where ranges or fixes together see the vehicle elsewhere: then the state is wrong.
     fn is_contradicted(&self, sensor: Sensor, t: Time) -> bool {
         let witnesses: &[Sensor] = match sensor {
             Sensor::Dvl => &[Sensor::Lbl, Sensor::Gnss],
@@ -155,8 +155,8 @@ impl Judges {
     ///
     /// A sensor that its gate has refused five times in a row is admitted by its kernel: the state may be what is wrong. Unless
     /// others agree with the state and the kernel leaves nothing of the reading, or never lets go of it: then it stays refused.
-    /// The latter also where there is no gate. A depth that they contradict (and late stamps would not explain), and a velocity that they have for some seconds, returns
-    /// when it is right on average.
+    /// The latter also where there is no gate. A depth that they contradict, unless late stamps would explain it, and a velocity
+    /// that they have contradicted for some seconds return when they are right on average.
     ///
     /// With `shares_offset` the group is an epoch of ranges with a common unknown offset, judged without its median.
     pub fn judge<C: Candidate>(
@@ -228,9 +228,11 @@ impl Judges {
             }
             self.t_improbable = self.t_improbable.max(t);
         }
-        // One wild range among good ones is nobody's place.
-        let first_heard = usize::from(2 * passed > all);
-        self.pulls[sensor.index()].take_in(seen[first_heard..].iter().copied());
+        if matches!(sensor, Sensor::Lbl | Sensor::Gnss) {
+            // One wild range among good ones is nobody's place.
+            let first_heard = usize::from(2 * passed > all);
+            self.pulls[sensor.index()].take_in(seen[first_heard..].iter().copied());
+        }
         if 2 * passed > all {
             self.t_agreed[sensor.index()] = t.max(self.t_agreed[sensor.index()]);
         }
@@ -271,13 +273,14 @@ fn take_out_median<C: Candidate>(epoch: &mut [C]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernels::BlockVector;
     use shared_types::Config;
 
-    struct Read(Innovation, Kernel);
+    struct Read(Innovation, Kernel, Option<Row>);
 
     impl Candidate for Read {
         fn rows(&mut self) -> &mut [Row] {
-            &mut []
+            self.2.as_mut_slice()
         }
         fn innovation(&mut self) -> &mut Innovation {
             &mut self.0
@@ -302,6 +305,7 @@ mod tests {
                 let mut group = vec![Read(
                     Innovation { whitened, nis, state_share: 0.0, slopes: Default::default() },
                     Kernel::None,
+                    None,
                 )];
                 judges.judge(sensor, config.navigator.sensor(sensor).expect("aiding"), false, t, &mut group, |_, _| {});
             }
@@ -325,7 +329,7 @@ mod tests {
         let innovation =
             Innovation { whitened: [off, 0.0, 0.0], nis: off * off, state_share: 0.0, slopes: Default::default() };
         let mut refused = false;
-        let mut group = vec![Read(innovation, kernel)];
+        let mut group = vec![Read(innovation, kernel, None)];
         judges.judge(sensor, config, false, Time::from_seconds(t), &mut group, |_, verdict| refused = verdict.refused);
         refused
     }
@@ -352,6 +356,42 @@ mod tests {
             assert!((0..50).all(|reading| still(reading, 3.0) == hears_ranges), "each would pass, their mean does not");
             let refused = (50..100).filter(|&reading| still(reading, 0.5)).count();
             assert!(refused < 10, "what is right again returns soon: {refused}");
+        }
+    }
+
+    #[test]
+    fn a_velocity_is_admitted_where_ranges_that_each_pass_see_the_vehicle_elsewhere() {
+        const SIGMA: f64 = 0.3;
+        let config = Config::default();
+        let config = config.navigator.sensor(Sensor::Lbl).expect("aiding");
+        for (east, expected) in [(0.0, 51..=51), (0.6, 5..=20)] {
+            let mut judges = Judges::default();
+            let refused = (0..=50).filter(|&reading| {
+                let t = 0.2 * f64::from(reading);
+                if reading % 5 == 0 {
+                    let range = |bearing: f64| {
+                        let mut jacobian = BlockVector::zeros();
+                        (jacobian[0], jacobian[1]) = (bearing.sin() / SIGMA, bearing.cos() / SIGMA);
+                        let residual = -jacobian[0] * east;
+                        let innovation = Innovation {
+                            whitened: [residual, 0.0, 0.0],
+                            nis: residual * residual,
+                            state_share: 0.0,
+                            slopes: Default::default(),
+                        };
+                        let inverse_sigma = 1.0 / SIGMA;
+                        let row = Row { jacobian, residual, inverse_sigma, weight: 1.0, slopes: Default::default() };
+                        Read(innovation, config.kernel, Some(row))
+                    };
+                    let mut epoch = [0.3, 1.9, 3.6, 5.1].map(range).into();
+                    judges.judge(Sensor::Lbl, config, false, Time::from_seconds(t), &mut epoch, |_, verdict| {
+                        assert!(!verdict.refused, "each is within its gate");
+                    });
+                }
+                is_refused(&mut judges, Sensor::Dvl, t, 80.0)
+            });
+            let refused = refused.count();
+            assert!(expected.contains(&refused), "{east} m: {refused}");
         }
     }
 
@@ -391,7 +431,7 @@ mod tests {
                 assert!(!is_refused(&mut judges, Sensor::Dvl, t, 0.5));
                 let slopes = [[rate, 0.0, 0.0], [0.0; 3]];
                 let innovation = Innovation { whitened: [20.0, 0.0, 0.0], nis: 400.0, state_share: 0.0, slopes };
-                let mut group = vec![Read(innovation, judges.kernel(Sensor::Ps, config))];
+                let mut group = vec![Read(innovation, judges.kernel(Sensor::Ps, config), None)];
                 let tell = |_: &mut Read, verdict: Verdict| refused += u32::from(verdict.refused);
                 judges.judge(Sensor::Ps, config, false, Time::from_seconds(t), &mut group, tell);
             }
