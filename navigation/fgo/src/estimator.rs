@@ -27,7 +27,7 @@ use shared_types::{
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
 use crate::realignment::{LOST, Realignment, instant, is_plausible, unseen};
-use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes, loosening_of_biases};
+use crate::recovery::{SUSPICIOUS_EPOCHS, loosening, loosening_by_fixes, loosening_by_shift, loosening_of_biases};
 use crate::rows::DIM;
 use crate::smoother::{self, Smoothed};
 use crate::ties::{Closing, Pending, Ties, place};
@@ -263,8 +263,11 @@ impl FgoEstimator {
             _ => loosening_by_fixes(&self.pending, &predicted, t, self.ties.fixes_improbable()),
         };
         let is_inertial_to_blame = loosened.is_none() && self.ties.is_inertial_to_blame();
-        let of_biases = loosening_of_biases(self.t_biases_loosened.map(|last| t - last), &self.config.vehicle.imu)
+        let imu_noise = &self.config.vehicle.imu;
+        let of_biases = loosening_of_biases(self.t_biases_loosened.map(|last| t - last), imu_noise)
             .filter(|_| is_inertial_to_blame);
+        let by_shift = self.ties.take_shift(t).map(|shift| loosening_by_shift(shift, imu_noise));
+        let is_loosened = loosened.is_some() || by_shift.is_some();
         let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };
         let covariance = match &loosened {
             Some(loosening) if is_blind || is_lost || self.realignment.is_due(t) => {
@@ -297,7 +300,7 @@ impl FgoEstimator {
                 if of_biases.is_some() {
                     self.t_biases_loosened = Some(t);
                 }
-                let loosening = loosened.or(of_biases);
+                let loosening = loosened.or(of_biases).or(by_shift);
                 let mut increment = whole;
                 if let Some(loosening) = &loosening {
                     loosening.apply(&mut increment);
@@ -350,7 +353,7 @@ impl FgoEstimator {
             || self.realignment.search(window, self.config.navigator.fgo.window, &self.history, &self.imu);
         self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
         if let Some(newest) = window.nodes().back() {
-            if is_aligned && loosened.is_none() && !is_inertial_to_blame && is_plausible(&newest.state) {
+            if is_aligned && !is_loosened && !is_inertial_to_blame && is_plausible(&newest.state) {
                 self.realignment.is_well(&newest.state);
             }
             self.realignment.cover(&newest.state, &mut self.newest_covariance);
@@ -368,7 +371,7 @@ impl FgoEstimator {
         if effort == Effort::Hold {
             return Ok(None);
         }
-        let status = match (is_inertial_to_blame, loosened.is_some() || !is_aligned) {
+        let status = match (is_inertial_to_blame, is_loosened || !is_aligned) {
             (true, _) => Some(SolutionStatus::Inconsistent),
             (false, true) => Some(SolutionStatus::Loosened),
             (false, false) => None,

@@ -103,6 +103,11 @@ impl Ties {
         self.judges.epochs_refused()
     }
 
+    /// How far ranges or fixes of late see the vehicle beside the state, m, where no chance explains that; each is told once.
+    pub fn take_shift(&mut self, t: Time) -> Option<f64> {
+        self.judges.take_shift(t)
+    }
+
     /// Whether several sensors have begun to be off the state together: the inertial ones are to blame.
     pub fn is_inertial_to_blame(&self) -> bool {
         self.judges.is_inertial_to_blame()
@@ -179,6 +184,8 @@ impl Ties {
             group.iter().for_each(|_| self.refuse(sensor, RejectReason::OlderThanWindow));
             return;
         };
+        let node = &window.nodes()[index];
+        self.judges.observe_speed(node.t, node.state.velocity_enu.norm());
         self.epoch.clear();
         for (measurement, reading) in group {
             if self.epoch.len() == EPOCH_MAX {

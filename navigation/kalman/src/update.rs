@@ -11,7 +11,7 @@
 use nav_models::imu_history::ImuHistory;
 use nav_models::innovation::Innovation;
 use nav_models::judging::{Candidate, EPOCH_MAX, Judges};
-use nav_models::recovery::{Checked, Loosening, SUSPICIOUS_EPOCHS, loosening};
+use nav_models::recovery::{Checked, Loosening, SUSPICIOUS_EPOCHS, loosening, loosening_by_shift};
 use nav_models::robust::credited_weight;
 use nav_models::row::{MeasuredRows, ROWS_MAX, Row};
 use nav_models::sensors::{GyroAt, Model};
@@ -86,18 +86,21 @@ impl Updater {
     }
 
     /// By how much the filters have to give way first: whole epochs were refused, and this one agrees with itself on another
-    /// place than `filter`.
+    /// place than `filter`; or those that passed see it there together.
     pub(crate) fn loosening(
         &mut self,
         timeline: &mut Timeline,
         group: core::ops::Range<usize>,
         filter: &Filter,
-        judges: &Judges,
+        judges: &mut Judges,
         config: &Config,
     ) -> Option<Loosening> {
         let first = *timeline.get_mut(group.start);
+        let by_shift = judges.take_shift(first.t).map(|shift| loosening_by_shift(shift, &config.vehicle.imu));
         let (count, since) = judges.epochs_refused();
-        let since = since.filter(|_| first.sensor == Sensor::Lbl && count >= SUSPICIOUS_EPOCHS)?;
+        let Some(since) = since.filter(|_| first.sensor == Sensor::Lbl && count >= SUSPICIOUS_EPOCHS) else {
+            return by_shift;
+        };
         self.pending.clear();
         for index in group.take(EPOCH_MAX) {
             let entry = timeline.get_mut(index);
@@ -105,7 +108,7 @@ impl Updater {
         }
         let height_sigma = filter.covariance[(2, 2)].max(0.0).sqrt();
         let state = filter.state.retract(&filter.mean());
-        loosening(&self.pending, first.t, &state, height_sigma, first.t - since, config)
+        loosening(&self.pending, first.t, &state, height_sigma, first.t - since, config).or(by_shift)
     }
 
     /// Takes one group in, linearised up to `iterations` times. Returns what the filter did, or `None` if nothing of the group reached it.
@@ -122,6 +125,7 @@ impl Updater {
         let config = *around.config.navigator.sensor(first.sensor)?;
         let offset_sigma = around.config.navigator.lbl_common_offset_sigma;
         let shares_offset = first.sensor == Sensor::Lbl && offset_sigma > 0.0;
+        ledger.judges.observe_speed(first.t, filter.state.velocity_enu.norm());
         self.group.clear();
         for index in group {
             let entry = timeline.get_mut(index);

@@ -26,7 +26,12 @@ const VOUCHES_FOR: Duration = Duration(5_000_000_000);
 const VOUCHED_AGAINST: Duration = Duration(300_000_000_000);
 /// Before that what is refused may be refused for its stamp.
 const CONTRADICTED_FOR: Duration = Duration(10_000_000_000);
-/// A depth that stamps so late would explain, s, is nobody's to refuse for long: while it dives or rises a vehicle is elsewhere soon.
+/// So long what a velocity has done to the state may show.
+const FORCED_LATELY: Duration = Duration(60_000_000_000);
+/// Slower than this, m/s, a vehicle is where it is, whatever it heads for: no position speaks for or against a heading.
+const UNDER_WAY: f64 = 0.3;
+/// A depth or a heading that stamps so late would explain, s, is nobody's to refuse for long: while it dives or turns a vehicle has
+/// another soon.
 const LATE_AT_MOST: f64 = 0.3;
 /// A reading of which its kernel leaves less counts for nothing.
 const NEGLIGIBLE: f64 = 0.01;
@@ -69,6 +74,12 @@ pub struct Judges {
     persistence: [Persistence; SENSORS.len()],
     /// Where ranges and fixes see the vehicle beside the state.
     pulls: [Pull; SENSORS.len()],
+    /// The same of those that a gate would let through.
+    shifts: [Pull; SENSORS.len()],
+    /// Newest velocity that was admitted although its gate refuses it.
+    t_velocity_forced: Time,
+    /// Newest time under way.
+    t_under_way: Time,
     /// A fix of the present run of refusals counted for nothing.
     is_fix_far: bool,
     /// Newest fix or epoch of ranges most of which is improbable.
@@ -88,6 +99,9 @@ impl Default for Judges {
             t_agreed: [Time::MIN; SENSORS.len()],
             persistence: Default::default(),
             pulls: Default::default(),
+            shifts: Default::default(),
+            t_velocity_forced: Time::MIN,
+            t_under_way: Time::MIN,
             is_fix_far: false,
             t_improbable: Time::MIN,
             t_dissent: Time::MIN,
@@ -126,14 +140,40 @@ impl Judges {
         self.refusals[Sensor::Gnss.index()].run()
     }
 
+    /// How far ranges of late, or fixes where no range is heard, see the vehicle beside the state, m, where no chance explains that.
+    /// Each is told once: what is to be told again has to be seen anew.
+    pub fn take_shift(&mut self, t: Time) -> Option<f64> {
+        let is_heard = |sensor: &Sensor| {
+            let t_heard = self.t_heard[sensor.index()];
+            t_heard > Time::MIN && (t - t_heard).abs() <= VOUCHES_FOR
+        };
+        let heard = [Sensor::Lbl, Sensor::Gnss].into_iter().find(is_heard)?.index();
+        // A velocity that has had its way against the state puts it elsewhere along the way, as late stamps do.
+        let is_forced = self.t_velocity_forced > Time::MIN && t - self.t_velocity_forced <= FORCED_LATELY;
+        let shift = self.shifts[heard].shift(is_forced)?;
+        self.shifts[heard] = Pull::default();
+        Some(shift)
+    }
+
+    /// Takes in how fast the vehicle is at `t`, m/s.
+    pub fn observe_speed(&mut self, t: Time, speed: f64) {
+        if speed >= UNDER_WAY {
+            self.t_under_way = self.t_under_way.max(t);
+        }
+    }
+
     /// Whether others, by agreeing with the state, say that it is this sensor that is wrong: where the vehicle is, against its
-    /// velocity and its fixes; how fast it rises, against its depth. Not for ever, nor where the inertial sensors are to blame, nor a
-    /// velocity where ranges or fixes together see the vehicle elsewhere: then the state is wrong.
+    /// velocity and its fixes, under way against its heading; how fast it rises, against its depth. Not for ever, nor where the inertial
+    /// sensors are to blame, nor a velocity or a heading where ranges or fixes together see the vehicle elsewhere: then the state is
+    /// wrong.
     fn is_contradicted(&self, sensor: Sensor, t: Time) -> bool {
         let witnesses: &[Sensor] = match sensor {
             Sensor::Dvl => &[Sensor::Lbl, Sensor::Gnss],
             Sensor::Gnss => &[Sensor::Lbl],
             Sensor::Ps => &[Sensor::Dvl, Sensor::Gnss],
+            Sensor::Mcp if self.t_under_way > Time::MIN && t - self.t_under_way <= VOUCHES_FOR => {
+                &[Sensor::Lbl, Sensor::Gnss]
+            }
             _ => &[],
         };
         let (_, since) = self.refusals[sensor.index()].run();
@@ -147,7 +187,7 @@ impl Judges {
             let is_heard = t_heard > Time::MIN && (t - t_heard).abs() <= VOUCHES_FOR;
             is_heard && !self.pulls[witness.index()].agrees()
         };
-        let is_state_wrong = sensor == Sensor::Dvl && witnesses.iter().any(sees_it_elsewhere);
+        let is_state_wrong = matches!(sensor, Sensor::Dvl | Sensor::Mcp) && witnesses.iter().any(sees_it_elsewhere);
         witnesses.iter().any(agrees) && !is_state_wrong && !is_too_long && !self.is_inertial_to_blame()
     }
 
@@ -155,8 +195,8 @@ impl Judges {
     ///
     /// A sensor that its gate has refused five times in a row is admitted by its kernel: the state may be what is wrong. Unless
     /// others agree with the state and the kernel leaves nothing of the reading, or never lets go of it: then it stays refused.
-    /// The latter also where there is no gate. A depth that they contradict, unless late stamps would explain it, and a velocity
-    /// that they have contradicted for some seconds return when they are right on average.
+    /// The latter also where there is no gate. What they contradict, a velocity or a heading for some seconds, returns when it is
+    /// right on average; a depth or a heading that late stamps would explain is not held off.
     ///
     /// With `shares_offset` the group is an epoch of ranges with a common unknown offset, judged without its median.
     pub fn judge<C: Candidate>(
@@ -185,6 +225,7 @@ impl Judges {
         let is_returning = admits
             && is_contradicted
             && (is_gated && (sensor == Sensor::Ps || sensor == Sensor::Dvl && has_held_out)
+                || sensor == Sensor::Mcp && has_held_out
                 || self.is_fix_far && sensor == Sensor::Gnss);
         let is_fix_far = &mut self.is_fix_far;
         let persistence = &mut self.persistence[sensor.index()];
@@ -192,6 +233,7 @@ impl Judges {
         let mut seen = [Pull::default(); 2];
         let (share, doubt) = (&mut self.shares[sensor.index()], &mut self.doubts[sensor.index()]);
         let (mut passed, mut improbable, all) = (0, 0, group.len());
+        let mut is_forced = false;
         group.retain_mut(|candidate| {
             let components = candidate.components();
             let kernel = candidate.kernel();
@@ -201,7 +243,7 @@ impl Judges {
             improbable += usize::from(is_improbable);
             // A receiver that settles comes through the gate before it is right.
             let is_off = persistence.observe(sensor, innovation) || sensor == Sensor::Gnss && is_improbable;
-            let is_late = sensor == Sensor::Ps && could_be_late(innovation);
+            let is_late = matches!(sensor, Sensor::Ps | Sensor::Mcp) && could_be_late(innovation);
             let is_returning = is_returning && !is_late;
             let passes = innovation.passes(sensor, components) && !(is_returning && is_off);
             passed += usize::from(passes);
@@ -211,6 +253,7 @@ impl Judges {
             let refused =
                 !passes && (is_returning || if is_gated { !admits || is_void } else { is_void && is_redescending });
             *is_fix_far |= sensor == Sensor::Gnss && refused;
+            is_forced |= sensor == Sensor::Dvl && !passes && !refused;
             let counted = weight * credit(kernel, components);
             if matches!(sensor, Sensor::Lbl | Sensor::Gnss) {
                 let innovation = *candidate.innovation();
@@ -232,11 +275,16 @@ impl Judges {
             // One wild range among good ones is nobody's place.
             let first_heard = usize::from(2 * passed > all);
             self.pulls[sensor.index()].take_in(seen[first_heard..].iter().copied());
+            let passing = 2 - usize::from(2 * passed > all);
+            self.shifts[sensor.index()].take_in(seen[passing..].iter().copied());
         }
         if 2 * passed > all {
             self.t_agreed[sensor.index()] = t.max(self.t_agreed[sensor.index()]);
         }
-        if is_gated || sensor == Sensor::Gnss {
+        if is_forced {
+            self.t_velocity_forced = self.t_velocity_forced.max(t);
+        }
+        if is_gated || matches!(sensor, Sensor::Gnss | Sensor::Mcp) {
             self.refusals[sensor.index()].observe(t, passed > 0);
             self.is_fix_far &= sensor != Sensor::Gnss || passed == 0;
         }
@@ -359,39 +407,81 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_velocity_is_admitted_where_ranges_that_each_pass_see_the_vehicle_elsewhere() {
+    /// An epoch of ranges all round the vehicle at `t`, each within its gate, which is so many metres east of the state.
+    fn hear_ranges(judges: &mut Judges, t: f64, east: f64) {
         const SIGMA: f64 = 0.3;
         let config = Config::default();
         let config = config.navigator.sensor(Sensor::Lbl).expect("aiding");
+        let range = |bearing: f64| {
+            let mut jacobian = BlockVector::zeros();
+            (jacobian[0], jacobian[1]) = (bearing.sin() / SIGMA, bearing.cos() / SIGMA);
+            let residual = -jacobian[0] * east;
+            let innovation = Innovation {
+                whitened: [residual, 0.0, 0.0],
+                nis: residual * residual,
+                state_share: 0.0,
+                slopes: Default::default(),
+            };
+            let row = Row { jacobian, residual, inverse_sigma: 1.0 / SIGMA, weight: 1.0, slopes: Default::default() };
+            Read(innovation, config.kernel, Some(row))
+        };
+        let mut epoch = [0.3, 1.9, 3.6, 5.1].map(range).into();
+        judges.judge(Sensor::Lbl, config, false, Time::from_seconds(t), &mut epoch, |_, verdict| {
+            assert!(!verdict.refused, "each is within its gate");
+        });
+    }
+
+    #[test]
+    fn a_velocity_is_admitted_where_ranges_that_each_pass_see_the_vehicle_elsewhere() {
         for (east, expected) in [(0.0, 51..=51), (0.6, 5..=20)] {
             let mut judges = Judges::default();
             let refused = (0..=50).filter(|&reading| {
                 let t = 0.2 * f64::from(reading);
                 if reading % 5 == 0 {
-                    let range = |bearing: f64| {
-                        let mut jacobian = BlockVector::zeros();
-                        (jacobian[0], jacobian[1]) = (bearing.sin() / SIGMA, bearing.cos() / SIGMA);
-                        let residual = -jacobian[0] * east;
-                        let innovation = Innovation {
-                            whitened: [residual, 0.0, 0.0],
-                            nis: residual * residual,
-                            state_share: 0.0,
-                            slopes: Default::default(),
-                        };
-                        let inverse_sigma = 1.0 / SIGMA;
-                        let row = Row { jacobian, residual, inverse_sigma, weight: 1.0, slopes: Default::default() };
-                        Read(innovation, config.kernel, Some(row))
-                    };
-                    let mut epoch = [0.3, 1.9, 3.6, 5.1].map(range).into();
-                    judges.judge(Sensor::Lbl, config, false, Time::from_seconds(t), &mut epoch, |_, verdict| {
-                        assert!(!verdict.refused, "each is within its gate");
-                    });
+                    hear_ranges(&mut judges, t, east);
                 }
                 is_refused(&mut judges, Sensor::Dvl, t, 80.0)
             });
             let refused = refused.count();
             assert!(expected.contains(&refused), "{east} m: {refused}");
+        }
+    }
+
+    #[test]
+    fn ranges_tell_once_where_they_see_the_vehicle_and_again_when_they_have_seen_it_anew() {
+        let mut judges = Judges::default();
+        let told: Vec<i32> = (0..30)
+            .filter(|&second| {
+                hear_ranges(&mut judges, f64::from(second), 0.6);
+                let shift = judges.take_shift(Time::from_seconds(f64::from(second)));
+                assert!(shift.is_none_or(|shift| (shift - 0.6).abs() < 1e-9), "{shift:?}");
+                shift.is_some()
+            })
+            .collect();
+        assert!((2..=10).contains(&told.len()) && told.windows(2).all(|pair| pair[1] - pair[0] > 1), "{told:?}");
+        hear_ranges(&mut judges, 30.0, 0.6);
+        (31..35).for_each(|second| hear_ranges(&mut judges, f64::from(second), 0.6));
+        assert_eq!(judges.take_shift(Time::from_seconds(60.0)), None, "nothing has been heard for long");
+    }
+
+    #[test]
+    fn a_heading_that_is_far_off_is_refused_under_way_while_ranges_agree_and_returns_when_it_is_right_on_average() {
+        for (speed, east, expected) in [(1.0, 0.0, 150), (0.1, 0.0, 0), (1.0, 0.6, 0)] {
+            let mut judges = Judges::default();
+            let mut refused = |from: i32, off: f64| {
+                let readings = (from..from + 200).filter(|&reading| {
+                    let t = 0.1 * f64::from(reading);
+                    if reading % 10 == 0 {
+                        hear_ranges(&mut judges, t, east);
+                    }
+                    judges.observe_speed(Time::from_seconds(t), speed);
+                    is_refused(&mut judges, Sensor::Mcp, t, off)
+                });
+                readings.count()
+            };
+            let (wrong, right) = (refused(0, 17.0), refused(200, 0.3));
+            assert!(wrong.abs_diff(expected) < 10, "{speed} m/s, {east} m: {wrong}");
+            assert!(right < 20, "what is right again returns soon: {right}");
         }
     }
 

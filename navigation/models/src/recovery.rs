@@ -160,6 +160,23 @@ pub fn loosening_by_fixes(
     })
 }
 
+/// Attitude that a state gives way by which ranges see elsewhere although each passes: a degree, rad.
+const ATTITUDE_ASTRAY: f64 = 0.02;
+/// In so many seconds it went astray.
+const ASTRAY_IN: f64 = 5.0;
+
+/// The same where ranges or fixes, each of which passes, together see the vehicle `shift` m beside the state (`pull.rs`): whatever
+/// leads it astray, a Doppler log that reads too much or a gyroscope that drifts, goes on, and the state is not as sure as it says.
+pub fn loosening_by_shift(shift: f64, noise: &ImuNoise) -> Loosening {
+    Loosening {
+        position: shift,
+        velocity: shift / ASTRAY_IN,
+        attitude: ATTITUDE_ASTRAY,
+        accel_bias: noise.accel_bias_sigma.min(ACCEL_LEAP_MAX),
+        gyro_bias: noise.gyro_bias_sigma.min(GYRO_LEAP_MAX),
+    }
+}
+
 /// By how many of its sigmas at the beginning a bias may have leapt …
 const BIAS_LEAP: f64 = 20.0;
 /// … and by no more than this, m/s² and rad/s: twenty sigmas of an instrument whose biases are hardly known are no leap but a
@@ -243,6 +260,14 @@ mod tests {
         assert_eq!((capped.gyro_bias, capped.accel_bias), (GYRO_LEAP_MAX, ACCEL_LEAP_MAX));
         assert_eq!(loosening_of_biases(Some(Duration::from_seconds(1.0)), &noise), None);
         assert_eq!(loosening_of_biases(Some(Duration::from_seconds(20.0)), &noise), Some(first));
+    }
+
+    #[test]
+    fn a_shift_loosens_by_itself_and_the_biases_by_what_they_were_known_to() {
+        let hardly_known = ImuNoise { gyro_bias_sigma: 5e-3, accel_bias_sigma: 0.01, ..Config::default().vehicle.imu };
+        let loosening = loosening_by_shift(0.5, &hardly_known);
+        assert_eq!((loosening.position, loosening.velocity), (0.5, 0.1));
+        assert_eq!((loosening.accel_bias, loosening.gyro_bias), (0.01, GYRO_LEAP_MAX));
     }
 
     #[test]
