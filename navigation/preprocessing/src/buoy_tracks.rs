@@ -11,11 +11,22 @@
 //!
 //! A moored buoy's position holds for ever in both. The line is carried on for one step only because two fixes 0.1 s
 //! apart with 1 m of noise would otherwise throw the buoy 300 m off in 30 s. `buoys.csv` has no sigma: it is
-//! `lbl.buoy_sigma` throughout. Left out: the growth of that sigma with the age of the fix.
+//! `lbl.buoy_sigma`, and beside it the way that the buoy may have gone since it was carried on, at the speed v at which it has drifted:
+//!
+//! ```text
+//! σ² = buoy_sigma² + (v · age)²    v over the newest ten seconds or more
+//! ```
+//!
+//! A drifting buoy that says the same numbers again, to the bit, has not told where it is: its age goes on (F9).
 
 use nalgebra::Vector3;
 use nav_geometry::{Geodetic, LocalFrame};
 use shared_types::{BuoyFix, Duration, RejectReason, Time};
+
+/// A speed of drift is taken over so long: of fixes with noise, seconds apart, it says something.
+const SPEED_OVER: Duration = Duration(10_000_000_000);
+/// The same numbers so often in a row are those of a receiver that has frozen.
+const FROZEN: u32 = 3;
 
 /// Buoys that are followed: far beyond any array, so that corrupt numbers cannot grow the table without bound.
 const BUOYS_MAX: usize = 256;
@@ -36,6 +47,53 @@ struct Track {
     buoy: u32,
     moored: bool,
     positions: Vec<Position>,
+    drift: Drift,
+}
+
+/// How a buoy drifts, and since when it has not.
+#[derive(Clone, Copy, Debug, Default)]
+struct Drift {
+    /// Where the speed is taken from next.
+    from: Option<Position>,
+    /// m/s.
+    speed: f64,
+    /// Since when it says the same, and how often it has.
+    same: Option<(Time, u32)>,
+}
+
+impl Drift {
+    /// Takes in the next position after `last`; whether it is that of a receiver that has frozen.
+    fn observe(&mut self, last: Option<&Position>, next: &Position) -> bool {
+        if let Some(last) = last.filter(|last| last.geodetic == next.geodetic && self.speed > 0.0) {
+            let (since, count) = self.same.unwrap_or((last.t, 1));
+            self.same = Some((since, count.saturating_add(1)));
+            return count + 1 >= FROZEN;
+        }
+        self.same = None;
+        let from = *self.from.get_or_insert(*next);
+        if next.t - from.t >= SPEED_OVER {
+            // Within what a buoy drifts in seconds the Earth is flat.
+            self.speed =
+                LocalFrame::new(from.geodetic).to_enu(&next.geodetic).xy().norm() / (next.t - from.t).as_seconds();
+            self.from = Some(*next);
+        }
+        false
+    }
+
+    /// How far it may have gone from where it is said to be at `t`, 1-sigma in m, if that was right until `t_told`.
+    fn gone(&self, t_told: Time, t: Time) -> f64 {
+        let t_told = self.same.map_or(t_told, |(since, _)| since.min(t_told));
+        self.speed * (t - t_told).as_seconds().max(0.0)
+    }
+}
+
+/// Where a buoy is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BuoyPlace {
+    /// ENU, m.
+    pub(crate) enu: Vector3<f64>,
+    /// How far it may have drifted from there, 1-sigma in m.
+    pub(crate) drifted: f64,
 }
 
 /// The positions of all buoys.
@@ -62,6 +120,12 @@ impl BuoyTracks {
             let Some(track) = tracks.track(fix.buoy) else { continue };
             // Of several rows with one time the first counts.
             if track.positions.last().is_none_or(|last| last.t < position.t) {
+                if track.drift.observe(track.positions.last(), &position) {
+                    // Between the first of the same and the next other one the buoy has gone the straight way.
+                    let first = track.drift.same.map_or(position.t, |(since, _)| since);
+                    track.positions.retain(|known| known.t <= first);
+                    continue;
+                }
                 track.positions.push(position);
             }
         }
@@ -74,7 +138,7 @@ impl BuoyTracks {
     /// Takes a fix in.
     ///
     /// # Errors
-    /// Why the fix does not count.
+    /// Why the fix does not count, or says nothing new: [`RejectReason::Stuck`] where a drifting buoy says the same again and again.
     pub(crate) fn insert(&mut self, fix: &BuoyFix) -> Result<(), RejectReason> {
         let position = judge(fix)?;
         if self.known {
@@ -90,19 +154,22 @@ impl BuoyTracks {
         };
         // A drifting buoy keeps its newest two positions; a moored one its newest.
         track.moored = fix.moored != 0;
+        let is_newest = slot == track.positions.len();
+        let is_frozen = is_newest && !track.moored && track.drift.observe(track.positions.last(), &position);
         track.positions.insert(slot, position);
         let keep = if track.moored { 1 } else { 2 };
         while track.positions.len() > keep {
             track.positions.remove(0);
         }
-        Ok(())
+        // It is not forgotten after `buoys.max_age`, as a silent one is: it may have run aground.
+        if is_frozen { Err(RejectReason::Stuck) } else { Ok(()) }
     }
 
-    /// Position of a buoy at `t`, ENU, m.
+    /// Where a buoy is at `t`.
     ///
     /// # Errors
     /// [`RejectReason::UnknownBuoy`] without any fix, [`RejectReason::StaleBuoy`] where the nearest one is too old.
-    pub(crate) fn at(&self, buoy: u32, t: Time, frame: &LocalFrame) -> Result<Vector3<f64>, RejectReason> {
+    pub(crate) fn at(&self, buoy: u32, t: Time, frame: &LocalFrame) -> Result<BuoyPlace, RejectReason> {
         let found = self.tracks.binary_search_by_key(&buoy, |track| track.buoy);
         let track = &self.tracks[found.map_err(|_| RejectReason::UnknownBuoy)?];
         let (first, last) = match track.positions.as_slice() {
@@ -113,7 +180,7 @@ impl BuoyTracks {
         let is_fresh = |age: Duration| track.moored || age <= self.max_age;
         if t <= first.t {
             return if is_fresh(first.t - t) {
-                Ok(frame.to_enu(&first.geodetic))
+                Ok(BuoyPlace { enu: frame.to_enu(&first.geodetic), drifted: 0.0 })
             } else {
                 Err(RejectReason::StaleBuoy)
             };
@@ -122,16 +189,19 @@ impl BuoyTracks {
             if !is_fresh(t - last.t) {
                 return Err(RejectReason::StaleBuoy);
             }
-            return Ok(match track.positions.as_slice() {
+            let (enu, t_told) = match track.positions.as_slice() {
                 [.., before, last] if !self.known => {
                     let t_held = last.t + (last.t - before.t);
-                    on_line(before, last, t.min(t_held), frame)
+                    (on_line(before, last, t.min(t_held), frame), t_held)
                 }
-                _ => frame.to_enu(&last.geodetic),
-            });
+                _ => (frame.to_enu(&last.geodetic), last.t),
+            };
+            let drifted = if track.moored { 0.0 } else { track.drift.gone(t_told, t) };
+            return Ok(BuoyPlace { enu, drifted });
         }
         let after = track.positions.partition_point(|position| position.t <= t);
-        Ok(on_line(&track.positions[after - 1], &track.positions[after], t, frame))
+        let enu = on_line(&track.positions[after - 1], &track.positions[after], t, frame);
+        Ok(BuoyPlace { enu, drifted: 0.0 })
     }
 
     /// The track of that buoy, made if it is new; `None` when the table is full.
@@ -140,7 +210,10 @@ impl BuoyTracks {
             Ok(index) => index,
             Err(_) if self.tracks.len() == BUOYS_MAX => return None,
             Err(index) => {
-                self.tracks.insert(index, Track { buoy, moored: false, positions: Vec::with_capacity(3) });
+                self.tracks.insert(
+                    index,
+                    Track { buoy, moored: false, positions: Vec::with_capacity(3), drift: Drift::default() },
+                );
                 index
             }
         };
@@ -186,7 +259,7 @@ mod tests {
 
     /// To the millimetre.
     fn north_at(tracks: &BuoyTracks, t: f64) -> Result<f64, RejectReason> {
-        tracks.at(1, Time::from_seconds(t), &frame()).map(|enu| (enu.y * 1e3).round() / 1e3)
+        tracks.at(1, Time::from_seconds(t), &frame()).map(|place| (place.enu.y * 1e3).round() / 1e3)
     }
 
     fn live(fixes: &[BuoyFix]) -> BuoyTracks {
@@ -240,6 +313,57 @@ mod tests {
         }
         assert_eq!(tracks.insert(&drifting(11.0, 9.0)), Err(RejectReason::BackwardsTime));
         assert_eq!(tracks.insert(&drifting(14.0, 9.0)), Err(RejectReason::Duplicate));
+    }
+
+    /// Northward at 0.2 m/s, a fix every 2 s until 20 s; and what comes after.
+    fn adrift(then: &[BuoyFix]) -> Vec<BuoyFix> {
+        let on_its_way = (0..=10).map(|index| drifting(2.0 * f64::from(index), 0.4 * f64::from(index)));
+        on_its_way.chain(then.iter().copied()).collect()
+    }
+
+    /// To the millimetre.
+    fn drifted_at(tracks: &BuoyTracks, t: f64) -> f64 {
+        let place = tracks.at(1, Time::from_seconds(t), &frame()).unwrap();
+        (place.drifted * 1e3).round() / 1e3
+    }
+
+    #[test]
+    fn a_drifting_buoy_that_falls_silent_may_have_gone_on() {
+        let tracks = live(&adrift(&[]));
+        assert_eq!([drifted_at(&tracks, 21.0), drifted_at(&tracks, 22.0)], [0.0, 0.0], "carried on");
+        assert_eq!([drifted_at(&tracks, 23.0), drifted_at(&tracks, 32.0)], [0.2, 2.0]);
+        let known = BuoyTracks::with_known(MAX_AGE, adrift(&[]));
+        assert_eq!([drifted_at(&known, 19.0), drifted_at(&known, 30.0)], [0.0, 2.0]);
+    }
+
+    #[test]
+    fn a_drifting_buoy_that_says_the_same_again_has_not_told_where_it_is() {
+        let mut tracks = live(&adrift(&[]));
+        let again: Vec<_> = (11..60).map(|index| tracks.insert(&drifting(2.0 * f64::from(index), 4.0))).collect();
+        assert_eq!(again[0], Ok(()));
+        assert!(again[1..].iter().all(|told| *told == Err(RejectReason::Stuck)), "{again:?}");
+        assert_eq!([drifted_at(&tracks, 119.0), drifted_at(&tracks, 120.0)], [19.8, 20.0]);
+        tracks.insert(&drifting(122.0, 24.4)).unwrap();
+        assert_eq!(drifted_at(&tracks, 123.0), 0.0);
+    }
+
+    #[test]
+    fn a_buoy_that_never_moved_may_say_the_same_for_ever() {
+        let mut tracks = live(&[drifting(0.0, 4.0)]);
+        assert!((1..200).all(|t| tracks.insert(&drifting(f64::from(t), 4.0)).is_ok()));
+        assert_eq!(drifted_at(&tracks, 220.0), 0.0);
+    }
+
+    #[test]
+    fn in_a_known_track_a_frozen_receiver_is_passed_over() {
+        let frozen: Vec<_> = (11..20).map(|index| drifting(2.0 * f64::from(index), 4.0)).collect();
+        let mut rows = adrift(&frozen);
+        rows.push(drifting(40.0, 8.0));
+        let tracks = BuoyTracks::with_known(MAX_AGE, rows);
+        assert_eq!(
+            [north_at(&tracks, 20.0), north_at(&tracks, 30.0), north_at(&tracks, 39.0)],
+            [Ok(4.0), Ok(6.0), Ok(7.8)]
+        );
     }
 
     #[test]

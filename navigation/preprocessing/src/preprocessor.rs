@@ -343,8 +343,8 @@ impl Preprocessor {
         self.judge_enabled(Sensor::Lbl)?;
         // Without a frame the estimation has not started, whatever the clock says.
         let frame = self.origin.frame().ok_or(RejectReason::BeforeStart)?;
-        let buoy_enu = self.buoys.at(raw.buoy, t, frame)?.into();
-        let buoy_sigma = self.vehicle.lbl.buoy_sigma;
+        let place = self.buoys.at(raw.buoy, t, frame)?;
+        let (buoy_enu, buoy_sigma) = (place.enu.into(), self.vehicle.lbl.buoy_sigma.hypot(place.drifted));
         let reading = Reading::Lbl { buoy: raw.buoy, epoch: self.epochs.number(t), range, buoy_enu, buoy_sigma };
         self.offsets.hold(measurement(&raw.header, &reading))?;
         self.times.on_ping(t);
