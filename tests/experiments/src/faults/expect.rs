@@ -31,7 +31,7 @@ pub enum Expect {
     Effect(f64),
     /// Heading at most so many deg further off than that of `clean`.
     Heading(f64),
-    /// Height at most so many m off.
+    /// Height at most so many m off; not in the first second, before a depth has been heard.
     Vertical(f64),
     /// Every reading that the fault spoilt is counted under this reason.
     Counted(Sensor, RejectReason),
@@ -136,7 +136,10 @@ impl Expect {
                 };
                 worst(trace) - worst(clean)
             }
-            Expect::Vertical(_) => since(time.from).map(|row| row.error_enu[2].abs()).fold(0.0, f64::max),
+            Expect::Vertical(_) => {
+                let heard = trace.rows.first().map_or(0.0, |row| row.t + 1.0);
+                since(time.from.max(heard)).map(|row| row.error_enu[2].abs()).fold(0.0, f64::max)
+            }
             Expect::Counted(sensor, reason) => {
                 let count = |trace: &Trace| trace.rejected[sensor.index()][reason.index()];
                 (count(trace).saturating_sub(count(clean))) as f64 / spoilt(trace, sensor)
