@@ -1,8 +1,8 @@
 //! Is the covariance honest? NEES, NIS and containment, for every set of sensors.
 //!
-//! Errors are compared with their sigmas at instants 100 s apart over all seeds, which count as independent samples: their
-//! squares over the variances have the mean 1, known to `1 ± 1.96 √(2/samples)` (95 %). Without a position sensor errors
-//! are correlated for as long as the run, so only seeds are independent, and the band says so.
+//! The squares of all errors over their variances have the mean 1 in each seed. Errors of one run are correlated, for seconds or, without
+//! a position sensor, for as long as it lasts; seeds are not. So the spread s of the means of n seeds says how well their mean is
+//! known: `± 1.96 s/√n` (95 %). With independent samples it would be the chi-square band `1 ± 1.96 √(2/samples)`.
 
 use shared_types::{AIDING, Sensor};
 use sim_world::Preset;
@@ -59,10 +59,10 @@ pub fn run(args: &Args) -> Result<(), TrialError> {
     };
     println!("{scenario}, realistic errors, seeds 1 to {}", args.seeds);
     println!(
-        "| {:<22} | {:^17} | {:^13} | {:^20} | NIS per degree of freedom |",
-        "IMU and", "NEES E/N/U", "95 % band", "in 3 sigma [%]"
+        "| {:<22} | {:^17} | {:^18} | {:^20} | NIS per degree of freedom |",
+        "IMU and", "NEES E/N/U", "known to +- (95 %)", "in 3 sigma [%]"
     );
-    println!("|{:-<24}|{:-<19}|{:-<15}|{:-<22}|{:-<27}|", "", "", "", "", "");
+    println!("|{:-<24}|{:-<19}|{:-<20}|{:-<22}|{:-<27}|", "", "", "", "", "");
     for set in &sets {
         let trials: Vec<Trial> = (1..=args.seeds).map(|seed| trial(scenario, seed, set, args)).collect();
         let outcomes = in_parallel(&trials, |trial| trial.run(&[]))?;
@@ -79,11 +79,10 @@ fn trial(scenario: &'static str, seed: u64, set: &[Sensor], args: &Args) -> Tria
 
 #[expect(clippy::print_stdout, reason = "the table is the product of this command")]
 fn print_row(set: &[Sensor], outcomes: &[Outcome]) {
-    let samples: Vec<[f64; 3]> = outcomes.iter().flat_map(|outcome| outcome.nees_enu.iter().copied()).collect();
-    let nees = [0, 1, 2].map(|axis| samples.iter().map(|sample| sample[axis]).sum::<f64>() / samples.len() as f64);
-    let is_positioned = set.iter().any(|sensor| matches!(sensor, Sensor::Lbl | Sensor::Gnss));
-    let independent = if is_positioned { samples.len() } else { outcomes.len() } as f64;
-    let half_band = 1.96 * (2.0 / independent).sqrt();
+    let nees = [0, 1, 2].map(|axis| {
+        let of_seeds = outcomes.iter().map(|o| o.score.nees_enu.map_or(f64::NAN, |nees| nees[axis]));
+        MeanOfSeeds::of(&of_seeds.collect::<Vec<_>>())
+    });
     let share = [0, 1, 2].map(|axis| {
         let shares = outcomes.iter().map(|o| o.score.three_sigma_share_enu.map_or(f64::NAN, |share| share[axis]));
         100.0 * shares.sum::<f64>() / outcomes.len() as f64
@@ -98,16 +97,46 @@ fn print_row(set: &[Sensor], outcomes: &[Outcome]) {
         .collect();
     let names: Vec<&str> = set.iter().map(|sensor| sensor.name()).collect();
     println!(
-        "| {:<22} | {:>5.2} {:>5.2} {:>5.2} | {:>5.2} to {:<4.2} | {:>6.2} {:>6.2} {:>6.2} | {} |",
+        "| {:<22} | {:>5.2} {:>5.2} {:>5.2} |   {:>4.2} {:>4.2} {:>4.2}   | {:>6.2} {:>6.2} {:>6.2} | {} |",
         if names.is_empty() { "nothing".to_owned() } else { names.join(" ") },
-        nees[0],
-        nees[1],
-        nees[2],
-        (1.0 - half_band).max(0.0),
-        1.0 + half_band,
+        nees[0].mean,
+        nees[1].mean,
+        nees[2].mean,
+        nees[0].known_to,
+        nees[1].known_to,
+        nees[2].known_to,
         share[0],
         share[1],
         share[2],
         nis.join(", ")
     );
+}
+
+/// The mean of what seeds found, and how well it is known (95 %).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct MeanOfSeeds {
+    mean: f64,
+    known_to: f64,
+}
+
+impl MeanOfSeeds {
+    fn of(values: &[f64]) -> MeanOfSeeds {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        MeanOfSeeds { mean, known_to: 1.96 * (variance / count).sqrt() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_is_known_by_the_spread_of_its_seeds() {
+        assert_eq!(MeanOfSeeds::of(&[1.0, 1.0, 1.0]), MeanOfSeeds { mean: 1.0, known_to: 0.0 });
+        let found = MeanOfSeeds::of(&[0.5, 1.5, 0.5, 1.5]);
+        assert!((found.mean - 1.0).abs() < 1e-12 && (found.known_to - 1.96 * (1.0 / 12.0_f64).sqrt()).abs() < 1e-12);
+        assert!(MeanOfSeeds::of(&[1.0]).known_to.is_nan(), "one seed tells nothing of it");
+    }
 }

@@ -16,7 +16,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 #[derive(Parser)]
-#[command(name = "experiments", about = "Runs simulated missions through the navigator and prints tables.")]
+#[command(name = "experiments", version, about = "Runs simulated missions through the navigator and prints tables.")]
 struct Cli {
     #[command(subcommand)]
     experiment: Experiment,

@@ -49,7 +49,7 @@ fn limit_us(window: usize) -> f64 {
 #[expect(clippy::print_stdout, reason = "the table is the product of this command")]
 fn windows(args: &Args) -> Result<(), TrialError> {
     println!(
-        "| window | p50, µs | p99, µs | max, µs | limit, µs | p50 / limit | passes | states linearised | RMS H, m |"
+        "| window | p50, µs | p99, µs | max, µs | limit, µs | p50 / limit | passes | linearised anew | RMS H, m |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     for window in WINDOWS {

@@ -87,8 +87,6 @@ pub struct Outcome {
     pub duration_s: f64,
     /// First instant from which the horizontal error stays below 0.1 m, s.
     pub settled_at: Option<f64>,
-    /// Squared errors over variances, E, N, U, at instants 100 s apart: far enough to be nearly independent.
-    pub nees_enu: Vec<[f64; 3]>,
     /// Per aiding sensor, in the order of [`AIDING`]: sum of squared normalised innovations and of their degrees of freedom.
     pub nis: [(f64, f64); AIDING.len()],
     /// Refusals per sensor name and reason.
@@ -342,12 +340,8 @@ struct Tally {
     solve_us: Vec<f64>,
     iterations: f64,
     linearised: f64,
-    nees_enu: Vec<[f64; 3]>,
     nis: [(f64, f64); AIDING.len()],
 }
-
-/// Between two instants whose errors count as independent, s.
-const INDEPENDENT_AFTER: f64 = 100.0;
 
 impl Tally {
     fn innovations(&mut self, report: &KeyframeReport) {
@@ -364,9 +358,6 @@ impl Tally {
     fn pair(&mut self, pair: &Pair) {
         let t = pair.estimate.t.as_seconds();
         let (error, sigma) = (pair.position_error_enu, pair.estimate.sigma_position_enu);
-        if (t / INDEPENDENT_AFTER).fract() * INDEPENDENT_AFTER < 0.5 / TRUTH_RATE {
-            self.nees_enu.push([0, 1, 2].map(|axis| (error[axis] / sigma[axis]).powi(2)));
-        }
         let due = |last: &CurvePoint, every: f64| t >= last.t + every - 0.5 / TRUTH_RATE;
         if let Some(every) = self.curve_every
             && self.curve.last().is_none_or(|last| due(last, every))
@@ -406,7 +397,6 @@ impl Tally {
             cpu_s,
             duration_s: score.duration_s,
             settled_at: self.settled_at,
-            nees_enu: self.nees_enu,
             nis: self.nis,
             rejected,
             curve: self.curve,
