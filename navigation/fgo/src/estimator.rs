@@ -16,7 +16,7 @@ use nav_models::gaps::BLIND;
 use nav_models::initialisation::Initialiser;
 use nav_models::prediction::predict_covariance;
 use nav_models::preintegration::{ImuPoint, Preintegration};
-use nav_models::state::NavState;
+use nav_models::state::{ATTITUDE, NavState};
 use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
@@ -24,6 +24,7 @@ use shared_types::{
     Reading, RejectReason, Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
+use crate::elsewhere::Alternatives;
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
 use crate::realignment::{LOST, Realignment, instant, is_plausible, unseen};
@@ -56,6 +57,7 @@ pub struct FgoEstimator {
     pending: Vec<Pending>,
     ties: Ties,
     realignment: Realignment,
+    alternatives: Alternatives,
     newest_covariance: Block<DIM>,
     /// The last keyframe at which the biases were let loose.
     t_biases_loosened: Option<Time>,
@@ -86,6 +88,7 @@ impl FgoEstimator {
             pending: Vec::with_capacity(256),
             ties: Ties::new(&config),
             realignment: Realignment::default(),
+            alternatives: Alternatives::new(&config),
             newest_covariance: Block::zeros(),
             t_biases_loosened: None,
             solutions: 0,
@@ -267,10 +270,18 @@ impl FgoEstimator {
         let of_biases = loosening_of_biases(self.t_biases_loosened.map(|last| t - last), imu_noise)
             .filter(|_| is_inertial_to_blame);
         let by_shift = self.ties.take_shift(t).map(|shift| loosening_by_shift(shift, imu_noise));
-        let is_loosened = loosened.is_some() || by_shift.is_some();
+        let elsewhere = if loosened.is_none() {
+            let up_body = before.q_enu_body.inverse() * Vector3::z();
+            let of_attitude = self.newest_covariance.fixed_view::<3, 3>(ATTITUDE, ATTITUDE);
+            let heading_sigma = (of_attitude * up_body).dot(&up_body).max(0.0).sqrt();
+            self.alternatives.look(window, heading_sigma, &self.config)
+        } else {
+            None
+        };
+        let is_loosened = loosened.is_some() || by_shift.is_some() || elsewhere.is_some();
         let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };
-        let covariance = match &loosened {
-            Some(loosening) if is_blind || is_lost || self.realignment.is_due(t) => {
+        let covariance = match (&loosened, &elsewhere) {
+            (Some(loosening), _) if is_blind || is_lost || self.realignment.is_due(t) => {
                 self.ties.begin_anew();
                 let noise = &self.config.vehicle.imu;
                 let mut tilt_from = whole.increment;
@@ -290,6 +301,16 @@ impl FgoEstimator {
                     _ => predicted,
                 };
                 let (first, covariance) = self.realignment.begin(&place, loosening, height_sigma, &tilt_from, noise);
+                if self.config.navigator.fgo.window == KEEPING_ALL {
+                    self.earlier.push(window.take());
+                }
+                window.start(t, &first, &covariance).map_err(|_| singular)?;
+                covariance
+            }
+            (_, Some(place)) => {
+                self.ties.begin_anew();
+                let covariance = predict_covariance(&self.newest_covariance, &before, &whole, window.world());
+                let (first, covariance) = place.applied(&predicted, &covariance);
                 if self.config.navigator.fgo.window == KEEPING_ALL {
                     self.earlier.push(window.take());
                 }
@@ -321,6 +342,7 @@ impl FgoEstimator {
         };
         // A stamp that is taken to be early may put its reading behind this keyframe: it waits for the next.
         let ready = self.ties.sort_out(&mut self.pending, t);
+        self.alternatives.hear(&self.pending[..ready]);
         self.ties.tie_all(&self.pending[..ready], window, &closing, &mut self.report);
         self.pending.drain(..ready);
         window.join(&self.history, &self.imu);
@@ -357,6 +379,7 @@ impl FgoEstimator {
                 self.realignment.is_well(&newest.state);
             }
             self.realignment.cover(&newest.state, &mut self.newest_covariance);
+            self.alternatives.cover(&mut self.newest_covariance);
         }
         for (error, term, variance) in self.ties.systematics.to_cover() {
             let by_error = window.state_by_error(error, term);

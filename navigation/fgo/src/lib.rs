@@ -12,6 +12,7 @@
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
 //! | `realignment.rs` | what if the heading itself is wrong? |
+//! | `elsewhere.rs` | what if so few buoys were heard from another place? |
 //! | `columns.rs`, `systematic.rs` | are a sensor's stamps right, and is it calibrated? |
 //! | `chain.rs` | the block-tridiagonal solve |
 //!
@@ -21,6 +22,7 @@
 mod batch;
 pub mod chain;
 mod columns;
+mod elsewhere;
 mod estimator;
 mod factor;
 mod interval;
