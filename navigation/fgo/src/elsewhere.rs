@@ -14,28 +14,14 @@
 //! no third explains them, the state is put there.
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
-use nav_models::recovery::Checked;
 use nav_models::robust::chi2_999;
 use nav_models::state::{ATTITUDE, NavState, POSITION};
-use shared_types::{Config, Duration, Reading, Sensor, Time};
 
 use crate::kernels::Block;
 use crate::rows::DIM;
-use crate::window::Window;
 
-/// A start that is known to so many m per axis has but one place.
-const UNKNOWN_START: f64 = 10.0;
-/// Buoys in one epoch that leave but one place.
-const ENOUGH_BUOYS: usize = 3;
-/// Keyframes from one look to the next.
-const EVERY: u32 = 4;
-/// Ranges that nothing explains by then will not be explained.
-const UNDECIDED_AT_MOST: u32 = 30;
-/// Ranges that are remembered, and the fewest that tell a place.
-const REMEMBERED: usize = 32;
+/// The fewest ranges that tell a place.
 const FEWEST: usize = 8;
-/// Ranges further from their keyframe than this are not evaluated at its state.
-const NEAR_KEYFRAME: Duration = Duration(200_000_000);
 /// Starting points round the buoy, and Gauss-Newton steps from each.
 const BEARINGS: usize = 24;
 const STEPS: usize = 12;
@@ -87,118 +73,6 @@ pub enum Places {
     Two(Vector2<f64>),
     /// It is wrong, and this one is right.
     Other(Elsewhere),
-}
-
-/// Looks for other places for as long as there may be one.
-#[derive(Clone, Debug)]
-pub struct Alternatives {
-    is_open: bool,
-    /// 1-sigma per axis of the position at the start, m.
-    sigma_at_start: f64,
-    ranges: Vec<(Time, Reading)>,
-    heard: Vec<Heard>,
-    keyframes: u32,
-    /// Nothing is known of other places yet.
-    is_undecided: bool,
-    /// How far away there is another place as good.
-    rival: Option<Vector2<f64>>,
-}
-
-impl Alternatives {
-    /// For a start as the configuration has it.
-    pub fn new(config: &Config) -> Alternatives {
-        let sigma_at_start = config.vehicle.initial.sigma_position;
-        Alternatives {
-            is_open: sigma_at_start >= UNKNOWN_START,
-            sigma_at_start,
-            ranges: Vec::with_capacity(REMEMBERED),
-            heard: Vec::with_capacity(REMEMBERED),
-            keyframes: 0,
-            is_undecided: true,
-            rival: None,
-        }
-    }
-
-    /// Takes in what was measured up to a keyframe. Whoever hears satellites or three buoys has but one place.
-    pub fn hear(&mut self, measured: &[Checked]) {
-        if !self.is_open {
-            return;
-        }
-        let mut together = (0_u32, 0_usize);
-        for (measurement, reading) in measured {
-            match *reading {
-                Reading::Lbl { epoch, .. } => {
-                    together = if together.0 == epoch { (epoch, together.1 + 1) } else { (epoch, 1) };
-                    self.is_open &= together.1 < ENOUGH_BUOYS;
-                    if self.ranges.len() == REMEMBERED {
-                        self.ranges.remove(0);
-                    }
-                    if (measurement.t_valid() - measurement.t_keyframe()).abs() <= NEAR_KEYFRAME {
-                        self.ranges.push((measurement.t_keyframe(), *reading));
-                    }
-                }
-                _ => self.is_open &= measurement.sensor() != Some(Sensor::Gnss),
-            }
-        }
-        if !self.is_open {
-            self.rival = None;
-        }
-    }
-
-    /// The place to go to, where that of `window` is wrong. `heading_sigma` in rad.
-    pub fn look(&mut self, window: &Window, heading_sigma: f64, config: &Config) -> Option<Elsewhere> {
-        self.keyframes += 1;
-        if !self.is_open || !self.keyframes.is_multiple_of(EVERY) {
-            return None;
-        }
-        self.heard.clear();
-        for (t_keyframe, reading) in &self.ranges {
-            let Reading::Lbl { range, buoy_enu, buoy_sigma, .. } = *reading else { continue };
-            let Some(index) = window.index_at(*t_keyframe) else { continue };
-            let state = &window.nodes()[index].state;
-            let lever_arm = Vector3::from(config.vehicle.lbl.lever_arm_body);
-            self.heard.push(Heard {
-                antenna_enu: state.position_enu + state.q_enu_body * lever_arm,
-                buoy_enu: Vector3::from(buoy_enu),
-                range,
-                sigma: config.vehicle.lbl.sigma.hypot(buoy_sigma),
-            });
-        }
-        let places = Places::of(&self.heard, heading_sigma);
-        self.is_undecided &= places == Places::Unknown && self.keyframes < UNDECIDED_AT_MOST;
-        match places {
-            Places::Unknown => None,
-            Places::One => {
-                self.rival = None;
-                None
-            }
-            Places::Two(shift) => {
-                self.rival = Some(shift);
-                None
-            }
-            Places::Other(place) => {
-                self.rival = None;
-                Some(place)
-            }
-        }
-    }
-
-    /// Makes a covariance cover the other place, as long as there is one as good: in that direction the position is not known any
-    /// better than at the start, and in none as long as nothing is known.
-    pub fn cover(&self, covariance: &mut Block<DIM>) {
-        if !self.is_open {
-            return;
-        }
-        let mut position = covariance.fixed_view_mut::<2, 2>(POSITION, POSITION);
-        if let Some(shift) = self.rival {
-            let covered = shift * (self.sigma_at_start / shift.norm()).min(core::f64::consts::FRAC_1_SQRT_2);
-            position += covered * covered.transpose();
-        } else if self.is_undecided {
-            for axis in 0..2 {
-                position[(axis, axis)] = position[(axis, axis)].max(self.sigma_at_start * self.sigma_at_start);
-            }
-        }
-    }
 }
 
 impl Places {
@@ -312,7 +186,6 @@ fn minimise(heard: &[Heard], start: Vector2<f64>, heading_sigma: f64) -> Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::Measurement;
 
     const BUOY: Vector3<f64> = Vector3::new(0.0, 300.0, 0.0);
     const SIGMA: f64 = 0.3;
@@ -379,44 +252,5 @@ mod tests {
         assert!(covariance.cholesky().is_some(), "{covariance}");
         assert_eq!((covariance[(0, 0)], covariance[(2, 2)]), (place.covariance[(0, 0)], 1e-4));
         assert_eq!(covariance[(0, ATTITUDE + 2)], place.covariance[(0, 2)], "a place that is turned about the buoy");
-    }
-
-    fn alternatives(sigma_position: f64) -> Alternatives {
-        let mut config = Config::default();
-        config.vehicle.initial.sigma_position = sigma_position;
-        Alternatives::new(&config)
-    }
-
-    fn covered(alternatives: &Alternatives) -> [f64; 3] {
-        let mut covariance = Block::zeros();
-        alternatives.cover(&mut covariance);
-        [covariance[(0, 0)], covariance[(1, 1)], covariance[(2, 2)]].map(f64::sqrt)
-    }
-
-    #[test]
-    fn the_sigma_covers_both_places_and_is_no_larger_than_at_the_start() {
-        let mut alternatives = alternatives(150.0);
-        assert_eq!(covered(&alternatives), [150.0, 150.0, 0.0], "nothing is known yet");
-        alternatives.rival = Some(MIRRORED);
-        assert_eq!(covered(&alternatives), [150.0, 0.0, 0.0]);
-        alternatives.rival = Some(Vector2::new(0.0, 100.0));
-        assert!((covered(&alternatives)[1] - 100.0 / 2.0_f64.sqrt()).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_known_start_three_buoys_or_a_satellite_fix_leave_but_one_place() {
-        assert!(!alternatives(3.0).is_open);
-        let checked = |reading: Reading| (Measurement::new(Time(0), Time(0), &reading), reading);
-        let range =
-            |buoy: u32| checked(Reading::Lbl { buoy, epoch: 1, range: 100.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0 });
-        let mut few = alternatives(100.0);
-        few.rival = Some(MIRRORED);
-        few.hear(&[range(1), range(2)]);
-        assert!(few.is_open && few.rival.is_some());
-        few.hear(&[range(1), range(2), range(3)]);
-        assert_eq!((few.is_open, few.rival), (false, None));
-        let mut surfaced = alternatives(100.0);
-        surfaced.hear(&[checked(Reading::Gnss { antenna_enu: [0.0; 3], sigma_enu: [1.0; 3] })]);
-        assert_eq!(covered(&surfaced), [0.0; 3]);
     }
 }

@@ -24,7 +24,7 @@ use shared_types::{
     Reading, RejectReason, Sensor, SensorCounts, Solution, SolutionStatus, Time,
 };
 
-use crate::elsewhere::Alternatives;
+use crate::alternatives::Alternatives;
 use crate::interval::{ImuHistory, ImuModel, OpenInterval, TimedPoint};
 use crate::kernels::Block;
 use crate::realignment::{LOST, Realignment, instant, is_plausible, unseen};
@@ -132,6 +132,7 @@ impl FgoEstimator {
         self.is_started = true;
         self.t_resumed = Time(solution.t_keyframe);
         self.newest_covariance = covariance;
+        self.alternatives.resume();
         // One more may have been published after this one was kept: its number is not given again.
         self.solutions = solution.id + 1;
         self.ties.counts = solution.counts;
@@ -379,7 +380,7 @@ impl FgoEstimator {
                 self.realignment.is_well(&newest.state);
             }
             self.realignment.cover(&newest.state, &mut self.newest_covariance);
-            self.alternatives.cover(&mut self.newest_covariance);
+            self.alternatives.cover(&newest.state, &mut self.newest_covariance);
         }
         for (error, term, variance) in self.ties.systematics.to_cover() {
             let by_error = window.state_by_error(error, term);

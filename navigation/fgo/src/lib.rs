@@ -12,13 +12,14 @@
 //! | `rows.rs` | what do all measurements of a keyframe say, robustly weighted? |
 //! | `batch.rs`, `smoother.rs` | where was the vehicle, given the whole log? |
 //! | `realignment.rs` | what if the heading itself is wrong? |
-//! | `elsewhere.rs` | what if so few buoys were heard from another place? |
+//! | `elsewhere.rs`, `alternatives.rs` | what if so few buoys were heard from another place? |
 //! | `columns.rs`, `systematic.rs` | are a sensor's stamps right, and is it calibrated? |
 //! | `chain.rs` | the block-tridiagonal solve |
 //!
 //! How probable a measurement is and how much it counts (`innovation`, `robust`, `judging`), and whether it is the state that
 //! is wrong (`recovery`), stands in `nav-models`: the filters ask the same.
 
+mod alternatives;
 mod batch;
 pub mod chain;
 mod columns;
