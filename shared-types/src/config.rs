@@ -127,7 +127,8 @@ impl Config {
         // Types were checked per file; what can still fail here is a value given by `--set`.
         let by_set =
             |error: toml::de::Error| ConfigError::Set { text: sets.join(" "), message: error.message().to_owned() };
-        let vehicle: vehicle::Sections = vehicle_table.try_into().map_err(by_set)?;
+        let mut vehicle: vehicle::Sections = vehicle_table.try_into().map_err(by_set)?;
+        vehicle.settle();
         let is_anchor_given = Schema::holds(&navigator_table, Some("keyframes"), "anchor");
         let mut navigator: navigator::Sections = navigator_table.try_into().map_err(by_set)?;
         let blame = |problem: Problem| blame(problem, files, sets);
@@ -440,6 +441,18 @@ mod tests {
         assert_eq!(anchor(&["imu.accel_noise_density=0.03"]), AnchorMethod::Fbpf);
         assert_eq!(anchor(&["dvl.enabled=false"]), AnchorMethod::Fbpf);
         assert_eq!(anchor(&["estimator=ekf"]), AnchorMethod::AtOnce);
+    }
+
+    #[test]
+    fn an_accelerometer_that_is_too_good_to_be_true_is_shown_as_what_it_counts_as() {
+        let config = load("[imu]\naccel_noise_density = 9.8e-7\n", &[]).expect("valid");
+        assert_eq!(config.vehicle.imu.accel_noise_density, 1e-5);
+        let shown = ConfigText::new("shown.toml", config.to_toml());
+        assert_eq!(Config::load(&[shown], &[]).expect("valid").vehicle.imu.accel_noise_density, 1e-5);
+        assert!(config.to_toml().contains("accel_noise_density = 0.00001"), "{}", config.to_toml());
+        for none in ["0.0", "-1e-3", "nan"] {
+            assert!(load("", &[&format!("imu.accel_noise_density={none}")]).is_err(), "{none}");
+        }
     }
 
     #[test]

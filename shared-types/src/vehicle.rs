@@ -151,6 +151,16 @@ pub(crate) struct Sections {
     ps: PsSection,
 }
 
+impl Sections {
+    /// What is given beyond what is believed becomes that. What is no noise at all stays, to be refused.
+    pub(crate) fn settle(&mut self) {
+        let given = &mut self.imu.accel_noise_density;
+        if *given > 0.0 {
+            *given = given.max(ACCEL_NOISE_LEAST);
+        }
+    }
+}
+
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct FrameSection {
@@ -308,8 +318,7 @@ impl TryFrom<&Sections> for Vehicle {
             initial: Initial::try_from(&file.initial)?,
             imu: ImuNoise {
                 gyro_noise_density: positive("imu.gyro_noise_density", file.imu.gyro_noise_density)?,
-                accel_noise_density: positive("imu.accel_noise_density", file.imu.accel_noise_density)?
-                    .max(ACCEL_NOISE_LEAST),
+                accel_noise_density: positive("imu.accel_noise_density", file.imu.accel_noise_density)?,
                 gyro_bias_random_walk: positive("imu.gyro_bias_random_walk", file.imu.gyro_bias_random_walk)?,
                 accel_bias_random_walk: positive("imu.accel_bias_random_walk", file.imu.accel_bias_random_walk)?,
                 gyro_bias_sigma: positive("imu.gyro_bias_sigma", file.imu.gyro_bias_sigma)?,

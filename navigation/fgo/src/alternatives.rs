@@ -4,9 +4,10 @@
 //! place round it. The ranges of the window are remembered and asked now and then; the published covariance covers what they leave.
 
 use nalgebra::{Vector2, Vector3};
-use nav_models::recovery::Checked;
+use nav_geometry::wgs84::EARTH_RATE;
+use nav_models::recovery::{Checked, NEAR_KEYFRAME};
 use nav_models::state::{ATTITUDE, NavState, POSITION};
-use shared_types::{Config, Duration, Reading, Sensor, Time};
+use shared_types::{Config, Reading, Sensor, Time};
 
 use crate::elsewhere::{Elsewhere, Heard, Places};
 use crate::kernels::{Block, BlockVector};
@@ -23,10 +24,6 @@ const EVERY: u32 = 4;
 const UNDECIDED_AT_MOST: u32 = 30;
 /// Ranges that are remembered.
 const REMEMBERED: usize = 32;
-/// Ranges further from their keyframe than this are not evaluated at its state.
-const NEAR_KEYFRAME: Duration = Duration(200_000_000);
-/// rad/s.
-const EARTH_RATE: f64 = 7.3e-5;
 
 /// Looks for other places for as long as there may be one.
 #[derive(Clone, Debug)]
@@ -68,8 +65,11 @@ impl Alternatives {
         }
     }
 
-    /// The state was taken up from an earlier run, whose covariance knows what was not known.
-    pub fn resume(&mut self) {
+    /// The state was taken up from an earlier run: what it knew stands for the start.
+    pub fn resume(&mut self, state: &NavState, covariance: &Block<DIM>) {
+        self.sigma_at_start = covariance[(POSITION, POSITION)].max(covariance[(POSITION + 1, POSITION + 1)]).sqrt();
+        self.heading_at_start = heading_variance(state, covariance).sqrt();
+        self.is_open = self.sigma_at_start >= UNKNOWN_START;
         self.is_undecided = false;
     }
 
@@ -101,12 +101,13 @@ impl Alternatives {
         self.rival = self.rival.filter(|_| self.is_open);
     }
 
-    /// The place to go to, where that of `window` is wrong. `heading_sigma` in rad.
-    pub fn look(&mut self, window: &Window, heading_sigma: f64, config: &Config) -> Option<Elsewhere> {
+    /// The place to go to, where that of `window` is wrong. `covariance` is that of its newest state.
+    pub fn look(&mut self, window: &Window, covariance: &Block<DIM>, config: &Config) -> Option<Elsewhere> {
         self.keyframes += 1;
         if !self.is_open || !self.keyframes.is_multiple_of(EVERY) {
             return None;
         }
+        let heading_sigma = heading_variance(&window.nodes().back()?.state, covariance).sqrt();
         self.heard.clear();
         for (t_keyframe, reading) in &self.ranges {
             let Reading::Lbl { range, buoy_enu, buoy_sigma, .. } = *reading else { continue };
@@ -144,7 +145,7 @@ impl Alternatives {
         }
         if let Some((_, centre)) = self.centre {
             let up_body = state.q_enu_body.inverse() * Vector3::z();
-            let known = (covariance.fixed_view::<3, 3>(ATTITUDE, ATTITUDE) * up_body).dot(&up_body);
+            let known = heading_variance(state, covariance);
             let mut turned = BlockVector::<DIM>::zeros();
             turned.fixed_rows_mut::<3>(POSITION).copy_from(&Vector3::z().cross(&(state.position_enu - centre)));
             turned.fixed_rows_mut::<3>(ATTITUDE).copy_from(&up_body);
@@ -160,6 +161,12 @@ impl Alternatives {
             }
         }
     }
+}
+
+/// Variance of the turn about up, rad².
+fn heading_variance(state: &NavState, covariance: &Block<DIM>) -> f64 {
+    let up_body = state.q_enu_body.inverse() * Vector3::z();
+    (covariance.fixed_view::<3, 3>(ATTITUDE, ATTITUDE) * up_body).dot(&up_body).max(0.0)
 }
 
 #[cfg(test)]
@@ -185,8 +192,13 @@ mod tests {
     fn the_sigma_covers_both_places_and_is_no_larger_than_at_the_start() {
         let mut alternatives = alternatives(150.0);
         assert_eq!(covered(&alternatives), [150.0, 150.0, 0.0], "nothing is known yet");
-        alternatives.resume();
-        assert_eq!(covered(&alternatives), [0.0; 3], "the run before knew");
+        let mut resumed = alternatives.clone();
+        resumed.resume(&NavState::identity(), &(Block::identity() * 400.0));
+        assert_eq!(covered(&resumed), [0.0; 3], "the covariance that was taken up is its own");
+        resumed.rival = Some(ELSEWHERE);
+        assert_eq!(covered(&resumed), [20.0, 0.0, 0.0], "no larger than it was");
+        resumed.resume(&NavState::identity(), &Block::identity());
+        assert_eq!(covered(&resumed), [0.0; 3], "the run before knew the place");
         alternatives.rival = Some(ELSEWHERE);
         assert_eq!(covered(&alternatives), [150.0, 0.0, 0.0]);
         alternatives.rival = Some(Vector2::new(0.0, 100.0));

@@ -16,7 +16,7 @@ use nav_models::gaps::BLIND;
 use nav_models::initialisation::Initialiser;
 use nav_models::prediction::predict_covariance;
 use nav_models::preintegration::{ImuPoint, Preintegration};
-use nav_models::state::{ATTITUDE, NavState};
+use nav_models::state::NavState;
 use nav_models::transport::transport;
 use nav_models::world::WorldModel;
 use shared_types::{
@@ -132,7 +132,7 @@ impl FgoEstimator {
         self.is_started = true;
         self.t_resumed = Time(solution.t_keyframe);
         self.newest_covariance = covariance;
-        self.alternatives.resume();
+        self.alternatives.resume(&state, &covariance);
         // One more may have been published after this one was kept: its number is not given again.
         self.solutions = solution.id + 1;
         self.ties.counts = solution.counts;
@@ -271,13 +271,9 @@ impl FgoEstimator {
         let of_biases = loosening_of_biases(self.t_biases_loosened.map(|last| t - last), imu_noise)
             .filter(|_| is_inertial_to_blame);
         let by_shift = self.ties.take_shift(t).map(|shift| loosening_by_shift(shift, imu_noise));
-        let elsewhere = if loosened.is_none() {
-            let up_body = before.q_enu_body.inverse() * Vector3::z();
-            let of_attitude = self.newest_covariance.fixed_view::<3, 3>(ATTITUDE, ATTITUDE);
-            let heading_sigma = (of_attitude * up_body).dot(&up_body).max(0.0).sqrt();
-            self.alternatives.look(window, heading_sigma, &self.config)
-        } else {
-            None
+        let elsewhere = match loosened {
+            None => self.alternatives.look(window, &self.newest_covariance, &self.config),
+            Some(_) => None,
         };
         let is_loosened = loosened.is_some() || by_shift.is_some() || elsewhere.is_some();
         let singular = EstimatorError::Unsolvable { t, reason: "the interval's covariance is singular" };

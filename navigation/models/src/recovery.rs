@@ -22,7 +22,7 @@ pub type Checked = (Measurement, Reading);
 /// Whole epochs refused in a row before the state is suspected: one may agree with itself by chance, two hardly do.
 pub const SUSPICIOUS_EPOCHS: u32 = 2;
 /// Ranges further from the keyframe than this are not evaluated at its state.
-const NEAR_KEYFRAME: Duration = Duration(200_000_000);
+pub const NEAR_KEYFRAME: Duration = Duration(200_000_000);
 /// Nothing is known of the horizontal position: 1-sigma of the fit's prior, m.
 const HORIZONTAL_PRIOR: f64 = 1e4;
 /// Gauss-Newton steps of the fit; from kilometres off, five reach the millimetre.

@@ -141,10 +141,13 @@ impl BuoyTracks {
     /// Why the fix does not count, or says nothing new: [`RejectReason::Stuck`] where a drifting buoy says the same again and again.
     pub(crate) fn insert(&mut self, fix: &BuoyFix) -> Result<(), RejectReason> {
         let position = judge(fix)?;
-        if self.known {
-            return Ok(());
-        }
+        let is_known = self.known;
         let track = self.track(fix.buoy).ok_or(RejectReason::TooMany)?;
+        if is_known {
+            // All that is missing from a track was passed over.
+            let found = track.positions.binary_search_by_key(&position.t, |known| known.t);
+            return found.map(|_| ()).map_err(|_| RejectReason::Stuck);
+        }
         let slot = match track.positions.as_slice() {
             [.., last] if position.t == last.t => return Err(RejectReason::Duplicate),
             [.., last] if position.t > last.t => track.positions.len(),
@@ -359,7 +362,9 @@ mod tests {
         let frozen: Vec<_> = (11..20).map(|index| drifting(2.0 * f64::from(index), 4.0)).collect();
         let mut rows = adrift(&frozen);
         rows.push(drifting(40.0, 8.0));
-        let tracks = BuoyTracks::with_known(MAX_AGE, rows);
+        let mut tracks = BuoyTracks::with_known(MAX_AGE, rows.clone());
+        let counted: Vec<_> = rows.iter().filter(|row| tracks.insert(row) == Err(RejectReason::Stuck)).collect();
+        assert_eq!(counted.len(), frozen.len());
         assert_eq!(
             [north_at(&tracks, 20.0), north_at(&tracks, 30.0), north_at(&tracks, 39.0)],
             [Ok(4.0), Ok(6.0), Ok(7.8)]
