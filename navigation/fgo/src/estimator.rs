@@ -370,7 +370,9 @@ impl FgoEstimator {
         }
         let is_aligned = !self.realignment.is_searching()
             || self.realignment.search(window, self.config.navigator.fgo.window, &self.history, &self.imu);
-        self.newest_covariance = window.newest_covariance().unwrap_or(covariance);
+        // What damps a solve is no information: the covariance of a damped matrix would be sure of what nobody has seen.
+        let of_solve = if solve.damped { None } else { window.newest_covariance() };
+        self.newest_covariance = of_solve.unwrap_or(covariance);
         if let Some(newest) = window.nodes().back() {
             if is_aligned && !is_loosened && !is_inertial_to_blame && is_plausible(&newest.state) {
                 self.realignment.is_well(&newest.state);
