@@ -17,7 +17,7 @@ message! {
     ///
     /// Order on the channel: IMU samples as they come; then, for each keyframe, the readings tied to it or to its
     /// predecessor, the ranges of its epoch last, and the keyframe itself as the closing bracket.
-    Measurement, "ilns.Measurement.1", schema 1 {
+    Measurement, "ilns.Measurement.2", schema 2 {
         /// Sender, order and times.
         header: Header,
         /// Keyframe that the reading is tied to, data time in ns (equals `t_valid` for IMU samples and keyframes).
@@ -53,6 +53,8 @@ pub enum Reading {
         buoy_enu: [f64; 3],
         /// 1-sigma per axis of that position, m.
         buoy_sigma: f64,
+        /// Whether it is moored: what its position is off by is the same in all its ranges.
+        is_moored: bool,
     },
     /// Satellite fix.
     Gnss {
@@ -128,11 +130,12 @@ impl Measurement {
                 values[3..6].copy_from_slice(&accel_body);
                 Sensor::Imu as u32
             }
-            Reading::Lbl { buoy, epoch, range, buoy_enu, buoy_sigma } => {
+            Reading::Lbl { buoy, epoch, range, buoy_enu, buoy_sigma, is_moored } => {
                 values[0] = range;
                 values[1..4].copy_from_slice(&buoy_enu);
                 values[4] = buoy_sigma;
                 values[5] = f64::from(buoy);
+                values[6] = f64::from(u8::from(is_moored));
                 epoch_of = epoch;
                 Sensor::Lbl as u32
             }
@@ -203,7 +206,7 @@ impl TryFrom<&Measurement> for Reading {
                     Ok(Reading::Imu { gyro_body: triple(0), accel_body: triple(3) })
                 }
                 Some(Sensor::Lbl) => {
-                    finite(6, Sensor::Lbl)?;
+                    finite(7, Sensor::Lbl)?;
                     if v[0] <= 0.0 || v[4] < 0.0 || v[5] < 0.0 || v[5] > f64::from(u32::MAX) || v[5].fract() != 0.0 {
                         return Err(MeasurementError::Impossible("range, buoy sigma or buoy number out of its domain"));
                     }
@@ -213,6 +216,7 @@ impl TryFrom<&Measurement> for Reading {
                         range: v[0],
                         buoy_enu: triple(1),
                         buoy_sigma: v[4],
+                        is_moored: v[6] != 0.0,
                     })
                 }
                 Some(Sensor::Gnss) => {
@@ -249,7 +253,14 @@ mod tests {
     fn every_reading_survives_the_wire() {
         let readings = [
             Reading::Imu { gyro_body: [0.1, 0.2, 0.3], accel_body: [0.0, -1.0, 9.8] },
-            Reading::Lbl { buoy: 7, epoch: 41, range: 612.5, buoy_enu: [1.0, 2.0, -3.0], buoy_sigma: 0.5 },
+            Reading::Lbl {
+                buoy: 7,
+                epoch: 41,
+                range: 612.5,
+                buoy_enu: [1.0, 2.0, -3.0],
+                buoy_sigma: 0.5,
+                is_moored: true,
+            },
             Reading::Gnss { antenna_enu: [1.0, 2.0, 3.0], sigma_enu: [0.5, 0.5, f64::INFINITY] },
             Reading::Dvl { velocity_dvl: [1.5, 0.0, -0.1] },
             Reading::Mcp { heading: 1.25 },

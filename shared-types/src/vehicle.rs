@@ -95,7 +95,8 @@ pub struct Lbl {
     pub lever_arm_body: [f64; 3],
     /// Buoy of the filters' plain differences.
     pub reference_buoy: u32,
-    /// 1-sigma per axis of a buoy's position, m.
+    /// 1-sigma per axis of a buoy's position, m. Of a moored one it is the survey's error, the same in all its ranges; of a drifting
+    /// one each fix has its own.
     pub buoy_sigma: f64,
 }
 

@@ -209,8 +209,9 @@ mod tests {
     fn a_known_start_three_buoys_or_a_satellite_fix_leave_but_one_place() {
         assert!(!alternatives(3.0).is_open);
         let checked = |reading: Reading| (Measurement::new(Time(0), Time(0), &reading), reading);
-        let range =
-            |buoy: u32| checked(Reading::Lbl { buoy, epoch: 1, range: 100.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0 });
+        let range = |buoy: u32| {
+            checked(Reading::Lbl { buoy, epoch: 1, range: 100.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0, is_moored: true })
+        };
         let mut few = alternatives(100.0);
         few.rival = Some(ELSEWHERE);
         few.hear(&[range(1), range(2)]);
@@ -226,7 +227,14 @@ mod tests {
     fn all_may_be_turned_about_a_single_buoy_until_somebody_tells_the_heading() {
         let checked = |reading: Reading| (Measurement::new(Time(0), Time(0), &reading), reading);
         let range = |buoy: u32, epoch: u32| {
-            checked(Reading::Lbl { buoy, epoch, range: 100.0, buoy_enu: [0.0, -100.0, 0.0], buoy_sigma: 0.0 })
+            checked(Reading::Lbl {
+                buoy,
+                epoch,
+                range: 100.0,
+                buoy_enu: [0.0, -100.0, 0.0],
+                buoy_sigma: 0.0,
+                is_moored: true,
+            })
         };
         let mut single = alternatives(100.0);
         (single.is_undecided, single.heading_at_start) = (false, 0.1);

@@ -13,6 +13,7 @@ use nav_models::wide;
 
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::Block;
+use crate::moorings::StatesByPosition;
 use crate::node::{Node, lengths};
 use crate::rows::DIM;
 use crate::window::Window;
@@ -83,16 +84,23 @@ impl Window {
 
     /// Covariance of every keyframe given all measurements, oldest first; `None` where the information does not determine
     /// the newest.
-    pub fn covariances(&self) -> Option<Vec<Block<DIM>>> {
-        let mut covariances = vec![Block::zeros(); self.nodes().len()];
-        let mut next = self.newest_covariance()?;
-        for (node, covariance) in self.nodes().iter().zip(&mut covariances).rev() {
-            if node.t < self.nodes().back()?.t {
-                next = wide(|| node.link.covariance_before(&next));
-            }
-            *covariance = next;
+    pub fn covariances(&mut self) -> Option<Vec<Block<DIM>>> {
+        if self.considers_moorings() {
+            self.sweep_columns();
         }
-        Some(covariances)
+        let mut covariances = vec![Block::zeros(); self.nodes().len()];
+        let mut next: Option<Block<DIM>> = None;
+        let mut by_position = StatesByPosition::default();
+        for (node, covariance) in self.nodes().iter().zip(&mut covariances).rev() {
+            *covariance = wide(|| match &next {
+                Some(next) => node.link.covariance_before(next),
+                None => node.link.covariance(),
+            });
+            next = Some(*covariance);
+            self.cover_moorings(node, &mut by_position, covariance);
+        }
+        let is_determined = covariances.last()?.iter().all(|x| x.is_finite());
+        is_determined.then_some(covariances)
     }
 
     /// State and covariance of the oldest keyframe given all measurements; `None` where the last solve found no solution. No step
@@ -101,12 +109,18 @@ impl Window {
         if !self.is_swept() {
             return None;
         }
-        let mut covariance = self.newest_covariance()?;
-        let mut delta = wide(|| self.nodes().back().map(|newest| newest.link.substitute(None)))?;
+        let newest = self.nodes().back()?;
+        let (mut covariance, mut delta) = wide(|| (newest.link.covariance(), newest.link.substitute(None)));
+        let mut by_position = StatesByPosition::default();
+        let mut covered = covariance;
+        self.cover_moorings(newest, &mut by_position, &mut covered);
         for node in self.nodes().iter().rev().skip(1) {
             covariance = wide(|| node.link.covariance_before(&covariance));
             delta = wide(|| node.link.substitute(Some(&delta)));
+            covered = covariance;
+            self.cover_moorings(node, &mut by_position, &mut covered);
         }
+        let covariance = covered;
         let state = self.nodes().front()?.linearised.retract(&delta);
         (state.is_finite() && covariance.iter().all(|x| x.is_finite())).then_some((state, covariance))
     }

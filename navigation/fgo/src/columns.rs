@@ -27,7 +27,7 @@ pub const TERMS: usize = 2;
 /// T, s.
 const MEMORIES: [f64; TERMS] = [15.0, 60.0];
 /// Columns: the errors of one memory, then those of the next.
-const WIDTH: usize = TERMS * ERRORS;
+pub const WIDTH: usize = TERMS * ERRORS;
 
 /// e^{−dt/T} of one memory.
 pub fn fading(dt: Duration, term: usize) -> f64 {
@@ -39,7 +39,7 @@ pub fn fadings(dt: Duration) -> [f64; TERMS] {
     core::array::from_fn(|term| fading(dt, term))
 }
 
-fn column_of(error: usize, term: usize) -> usize {
+pub fn column_of(error: usize, term: usize) -> usize {
     term * ERRORS + error
 }
 
@@ -122,6 +122,14 @@ impl Columns {
     #[inline(always)]
     pub fn marginal(&self, link: &Link<DIM>, dt: Duration) -> ColumnPrior {
         ColumnPrior(self.carried(link, dt))
+    }
+
+    /// −zᵀz of each with columns that do not fade, given transposed: what eliminating the state leaves between them.
+    #[inline(always)]
+    pub fn crossed<const M: usize>(&self, z_transposed: &SMatrix<f64, M, DIM>) -> SMatrix<f64, WIDTH, M> {
+        let mut crossed = SMatrix::zeros();
+        add_product_transposed(&mut crossed, &self.z_transposed, z_transposed, -1.0);
+        crossed
     }
 
     /// What each memory says of an error when this is the newest keyframe.

@@ -109,6 +109,7 @@ impl FgoEstimator {
 
     fn empty_window(&self, world: WorldModel) -> Window {
         let mut window = Window::new(self.config.navigator.fgo, world);
+        window.consider_moorings(self.config.vehicle.lbl.buoy_sigma);
         if self.config.navigator.keyframes.anchor == AnchorMethod::Joint {
             window.join_intervals();
         }

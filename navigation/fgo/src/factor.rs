@@ -32,6 +32,8 @@ pub struct Factor {
     pub offset_sigma: f64,
     /// Number of the buoy; 0 for others.
     pub buoy: u32,
+    /// Its place among the [moored](crate::moorings) ones whose positions are not exact.
+    pub mooring: Option<u8>,
     /// L⁻¹ with Λ = LLᵀ, from [`Factor::whiten`] on; the upper left corner counts.
     whitening: SMatrix<f64, ROWS_MAX, ROWS_MAX>,
     /// Whitened change with its systematic errors, as [`nav_models::row::Row::slopes`]; frozen with the whitening.
@@ -80,6 +82,7 @@ impl Factor {
             epoch: 0,
             offset_sigma: 0.0,
             buoy: 0,
+            mooring: None,
             whitening: SMatrix::zeros(),
             slopes: SMatrix::zeros(),
         }
@@ -211,7 +214,9 @@ impl Factor {
 
     fn whitened<const ROWS: usize>(&self, anchored: &Anchored<ROWS>) -> Result<MeasuredRows, Unusable> {
         let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
-        MeasuredRows::whitened(anchored, &whitening, &self.slopes.fixed_rows::<ROWS>(0).into_owned())
+        let mut rows = MeasuredRows::whitened(anchored, &whitening, &self.slopes.fixed_rows::<ROWS>(0).into_owned())?;
+        rows.as_mut_slice().iter_mut().for_each(|row| row.mooring = self.mooring);
+        Ok(rows)
     }
 
     /// Evaluates the first group of `factors` anew and appends its rows. Returns how many factors the group has.

@@ -14,6 +14,7 @@
 //! | `realignment.rs` | what if the heading itself is wrong? |
 //! | `elsewhere.rs`, `alternatives.rs` | what if so few buoys were heard from another place? |
 //! | `columns.rs`, `systematic.rs` | are a sensor's stamps right, and is it calibrated? |
+//! | `moorings.rs` | what if the moored buoys lie elsewhere than they are said to? |
 //! | `chain.rs` | the block-tridiagonal solve |
 //!
 //! How probable a measurement is and how much it counts (`innovation`, `robust`, `judging`), and whether it is the state that
@@ -28,6 +29,7 @@ mod estimator;
 mod factor;
 mod interval;
 mod joint;
+mod moorings;
 mod node;
 mod realignment;
 mod rows;

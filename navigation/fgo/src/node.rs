@@ -14,6 +14,7 @@ use crate::factor::Factor;
 use crate::interval::{ImuHistory, ImuModel};
 use crate::joint::Between;
 use crate::kernels::{Block, BlockVector, add_gram_transposed, add_product_transposed, add_times_transposed, dot};
+use crate::moorings::MooringColumns;
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Rows};
 use crate::systematic::{STAMPS, sensor_of};
@@ -63,6 +64,8 @@ pub struct Node {
     pub link: Link<DIM>,
     /// The columns of the systematic errors beside it.
     pub columns: Columns,
+    /// Those of the positions of moored buoys.
+    pub moorings: MooringColumns,
     /// The step that older states were last told of.
     carried: BlockVector<DIM>,
     /// The step at which its weights were last taken; `None` where measurements have come since.
@@ -190,6 +193,7 @@ impl Node {
             between: Between::default(),
             link: Link::default(),
             columns: Columns::default(),
+            moorings: MooringColumns::default(),
             carried: BlockVector::zeros(),
             weighted_at: None,
             counted_at: None,
@@ -211,6 +215,7 @@ impl Node {
         self.interval.far = (Block::zeros(), BlockVector::zeros());
         self.interval.coupling_transposed = Block::zeros();
         self.interval.cost = 0.0;
+        self.moorings.clear();
         self.carried = BlockVector::zeros();
         self.has_changed();
     }

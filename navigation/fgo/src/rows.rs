@@ -7,12 +7,15 @@
 //! `W = Σ⁻¹ − Σ⁻¹1 1ᵀΣ⁻¹ / (σ_d⁻² + 1ᵀΣ⁻¹1)` (§3.2 of the method): the sum over rows less a rank-one part.
 //! σ_d = 0 makes them single rows, σ_d = ∞ is identical to range differences against any reference buoy.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector, Vector3};
 pub use nav_models::row::{Row, SLOTS};
 pub use nav_models::state::ERROR_DIM as DIM;
+use nav_models::state::POSITION;
 use shared_types::Kernel;
 
+use crate::columns::{TERMS, column_of};
 use crate::kernels::{Block, BlockVector};
+use crate::moorings::MooringColumns;
 use crate::robust::{Losses, credited_weight};
 use crate::systematic::{ERRORS, errors_of};
 
@@ -131,15 +134,8 @@ impl Rows {
 
     #[inline(always)]
     fn subtract_offset(&self, span: &Span, sigma: f64, information: &mut Block<DIM>, right: &mut BlockVector<DIM>) {
-        let mut direction = BlockVector::<DIM>::zeros();
-        let (mut mean, mut total) = (0.0, 1.0 / (sigma * sigma));
-        for row in &self.rows[span.first..span.end] {
-            let share = row.weight * row.inverse_sigma;
-            add_scaled(&mut direction, &row.jacobian, share);
-            mean += share * row.residual;
-            total += share * row.inverse_sigma;
-        }
-        add_outer(information, &direction, -1.0 / total);
+        let (direction, mean, total) = offset_of(&self.rows[span.first..span.end], sigma);
+        add_outer(information, &direction, &direction, -1.0 / total);
         add_scaled(right, &direction, mean / total);
     }
 
@@ -165,6 +161,39 @@ impl Rows {
             }
         }
         slopes
+    }
+
+    /// Adds −JᵀWj_p of each moored buoy, what the normal equations have of its position, and −dᵀWj_p beside it, d being the slopes of each
+    /// [systematic error](crate::systematic).
+    #[inline(always)]
+    pub fn assemble_moorings(&self, columns: &mut MooringColumns) {
+        for span in &self.spans {
+            let rows = &self.rows[span.first..span.end];
+            let moored = || rows.iter().filter_map(|row| Some((row, row.mooring?)));
+            let errors = errors_of(span.sensor);
+            let mut add = |row: &Row, place, direction: &BlockVector<DIM>, slopes: &[f64; SLOTS], scale: f64| {
+                let column = columns.of(place);
+                add_outer(&mut column.by_range, &by_position(row), direction, scale);
+                for &(slot, error) in errors {
+                    for term in 0..TERMS {
+                        let mut crossed = column.crossed.row_mut(column_of(error, term));
+                        crossed += by_position(row).transpose() * (scale * slopes[slot]);
+                    }
+                }
+            };
+            for (row, place) in moored() {
+                add(row, place, &row.jacobian, &row.slopes, -row.weight);
+            }
+            if let Group::CommonOffset { sigma, .. } = span.group
+                && moored().next().is_some()
+            {
+                let (direction, _, total) = offset_of(rows, sigma);
+                let slopes = shared_slopes(rows);
+                for (row, place) in moored() {
+                    add(row, place, &direction, &slopes, row.weight * row.inverse_sigma / total);
+                }
+            }
+        }
     }
 
     /// Takes robust weights from the residuals after a step δ. A measurement whose weight would change by no more than
@@ -243,15 +272,13 @@ impl Rows {
 #[inline(always)]
 fn subtract_offset_of_slopes(rows: &[Row], sigma: f64, errors: &[(usize, usize)], slopes: &mut Slopes) {
     let mut total = 1.0 / (sigma * sigma);
-    let (mut mean_slopes, mut mean) = ([0.0; SLOTS], 0.0);
+    let mut mean = 0.0;
     for row in rows {
         let share = row.weight * row.inverse_sigma;
         total += share * row.inverse_sigma;
         mean += share * row.residual;
-        for (sum, slope) in mean_slopes.iter_mut().zip(row.slopes) {
-            *sum += share * slope;
-        }
     }
+    let mean_slopes = shared_slopes(rows);
     for &(slot, error) in errors {
         let mean_slope = mean_slopes[slot] / total;
         for row in rows {
@@ -280,14 +307,51 @@ fn add_gram(target: &mut Block<DIM>, rows: &[Row]) {
     }
 }
 
+/// JᵀΣ⁻¹1, 1ᵀΣ⁻¹r and σ_d⁻² + 1ᵀΣ⁻¹1 of rows that share an offset.
 #[inline(always)]
-fn add_outer(target: &mut Block<DIM>, v: &BlockVector<DIM>, scale: f64) {
-    let v = &v.data.0[0];
+fn offset_of(rows: &[Row], sigma: f64) -> (BlockVector<DIM>, f64, f64) {
+    let mut direction = BlockVector::<DIM>::zeros();
+    let (mut mean, mut total) = (0.0, 1.0 / (sigma * sigma));
+    for row in rows {
+        let share = row.weight * row.inverse_sigma;
+        add_scaled(&mut direction, &row.jacobian, share);
+        mean += share * row.residual;
+        total += share * row.inverse_sigma;
+    }
+    (direction, mean, total)
+}
+
+/// 1ᵀΣ⁻¹d of rows that share an offset.
+#[inline(always)]
+fn shared_slopes(rows: &[Row]) -> [f64; SLOTS] {
+    let mut sums = [0.0; SLOTS];
+    for row in rows {
+        for (sum, slope) in sums.iter_mut().zip(row.slopes) {
+            *sum += row.weight * row.inverse_sigma * slope;
+        }
+    }
+    sums
+}
+
+/// j_p.
+fn by_position(row: &Row) -> Vector3<f64> {
+    row.jacobian.fixed_rows::<3>(POSITION).into_owned()
+}
+
+/// target += scale · a bᵀ
+#[inline(always)]
+fn add_outer<const ROWS: usize>(
+    target: &mut SMatrix<f64, ROWS, DIM>,
+    a: &SVector<f64, ROWS>,
+    b: &BlockVector<DIM>,
+    scale: f64,
+) {
+    let a = &a.data.0[0];
     for j in 0..DIM {
-        let factor = scale * v[j];
+        let factor = scale * b[j];
         let column = &mut target.data.0[j];
-        for i in 0..DIM {
-            column[i] += v[i] * factor;
+        for i in 0..ROWS {
+            column[i] += a[i] * factor;
         }
     }
 }
@@ -316,6 +380,7 @@ mod tests {
                 inverse_sigma: 1.0 / SIGMAS[i],
                 weight: 1.0,
                 slopes: [(i as f64 - 1.3) / SIGMAS[i], 0.0],
+                mooring: [Some(0), Some(2), Some(0), None][i],
             })
             .collect();
         (jacobian, residual, rows)
@@ -382,6 +447,40 @@ mod tests {
         assert!((slopes.coupling[2] - jacobian.transpose() * &w * &d).amax() < 1e-11);
         assert!((slopes.information[(2, 2)] - d.dot(&(&w * &d))).abs() < 1e-11);
         assert!((slopes.right[2] + d.dot(&(&w * residual))).abs() < 1e-11);
+    }
+
+    #[test]
+    fn the_columns_of_moorings_are_those_of_the_full_covariance() {
+        let (jacobian, _, rows) = epoch();
+        for sigma in [0.0, 0.8] {
+            let mut block = Rows::default();
+            let kernel = Kernel::None;
+            match sigma {
+                0.0 => rows.iter().for_each(|row| block.push(0, Group::Single { kernel }, &[*row])),
+                _ => block.push(0, Group::CommonOffset { kernel, sigma }, &rows),
+            }
+            let mut columns = MooringColumns::default();
+            block.assemble_moorings(&mut columns);
+            let covariance =
+                DMatrix::from_fn(4, 4, |i, j| sigma * sigma + if i == j { SIGMAS[i] * SIGMAS[i] } else { 0.0 });
+            let w = covariance.cholesky().expect("positive definite").inverse();
+            for place in 0..3 {
+                // The buoy moves the ranges to it, against the vehicle.
+                let of_buoy = DMatrix::from_fn(4, 3, |i, axis| match rows[i].mooring {
+                    Some(of) if of == place => -jacobian[(i, POSITION + axis)],
+                    _ => 0.0,
+                });
+                let column = columns.of(place);
+                let expected = (jacobian.transpose() * &w * &of_buoy).transpose();
+                assert!((column.by_range - expected).amax() < 1e-11, "buoy {place}, offset {sigma}");
+                let d = DVector::from_fn(4, |i, _| i as f64 - 1.3);
+                let expected = d.transpose() * &w * of_buoy;
+                for term in 0..TERMS {
+                    let crossed = column.crossed.row(column_of(0, term)).into_owned();
+                    assert!((crossed - &expected).amax() < 1e-11, "buoy {place}, offset {sigma}");
+                }
+            }
+        }
     }
 
     #[test]

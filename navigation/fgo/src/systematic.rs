@@ -326,6 +326,17 @@ impl Systematic {
 }
 
 impl Score {
+    /// The same, where its right side also varies by this variance, of something else that is unknown.
+    #[must_use]
+    pub fn in_doubt(self, variance: f64) -> Score {
+        let share = self.information / (self.information + variance);
+        if variance > 0.0 && share.is_finite() {
+            Score { information: self.information * share, right: self.right * share }
+        } else {
+            self
+        }
+    }
+
     fn plus(&self, other: &Score) -> Score {
         Score { information: self.information + other.information, right: self.right + other.right }
     }
@@ -427,6 +438,15 @@ mod tests {
         let mut off = offsets(TimeOffset::Off);
         assert_eq!(judge(&mut off, DVL, score(0.3, 0.01)), None);
         assert_eq!((off.offset(DVL), off.is_estimated(DVL)), (Duration::ZERO, false));
+    }
+
+    #[test]
+    fn what_else_moves_a_score_leaves_its_error_and_widens_its_sigma() {
+        let [_, sure] = score(0.2, 0.04);
+        let (found, sigma) = sure.in_doubt(3.0 / (0.04 * 0.04)).found(1.0).expect("known");
+        assert!((found - 0.2).abs() < 1e-12 && (sigma - 0.08).abs() < 1e-12, "{found} {sigma}");
+        assert_eq!(sure.in_doubt(0.0), sure);
+        assert_eq!(Score::default().in_doubt(1.0).information, 0.0);
     }
 
     #[test]

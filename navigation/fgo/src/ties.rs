@@ -15,6 +15,7 @@ use shared_types::{
 use crate::factor::{Doubts, Factor, MeasuredRows, Model};
 use crate::interval::{ImuHistory, ImuModel, OpenInterval};
 use crate::kernels::Block;
+use crate::moorings::Moorings;
 use crate::rows::DIM;
 use crate::systematic::{Systematics, errors_of};
 use crate::window::Window;
@@ -72,6 +73,8 @@ pub struct Ties {
     epoch: Vec<Evaluated>,
     epoch_factors: Vec<Factor>,
     epoch_rows: Vec<Row>,
+    /// Buoys that may lie elsewhere than they are said to.
+    pub moorings: Moorings,
     /// What is systematically wrong with each sensor's readings.
     pub systematics: Systematics,
     /// Room for a piece that has to be integrated.
@@ -91,6 +94,7 @@ impl Ties {
             epoch: Vec::with_capacity(EPOCH_MAX),
             epoch_factors: Vec::with_capacity(EPOCH_MAX),
             epoch_rows: Vec::with_capacity(EPOCH_MAX),
+            moorings: Moorings::new(config),
             systematics: Systematics::new(&config.navigator.sensors),
             side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
             counts: [SensorCounts::default(); SENSORS.len()],
@@ -251,8 +255,9 @@ impl Ties {
         if let Some(config) = self.config.navigator.sensor(sensor) {
             factor.kernel = self.judges.kernel(sensor, config);
         }
-        if let Reading::Lbl { buoy, epoch, .. } = *reading {
+        if let Reading::Lbl { buoy, epoch, is_moored, .. } = *reading {
             factor = factor.of_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
+            factor.mooring = if is_moored { self.moorings.place(buoy) } else { None };
         }
         let point = if self.systematics.is_estimated(place) { closing.history.at(t) } else { None };
         let doubts = Doubts { point, sigmas: self.systematics.sigmas(place) };

@@ -24,6 +24,7 @@ use crate::columns::{Before, ColumnPrior, Score, TERMS, fading};
 use crate::factor::{Factor, MeasuredRows};
 use crate::interval::{ImuHistory, ImuModel};
 use crate::kernels::{Block, BlockVector, NotPositiveDefinite, cholesky, inverse_from_cholesky, solve_lower};
+use crate::moorings::{self, MooringColumns, StatesByPosition};
 use crate::node::{Node, lengths};
 use crate::recovery::Loosening;
 use crate::rows::{DIM, Row};
@@ -69,6 +70,9 @@ pub struct Window {
     spare: Vec<Box<Node>>,
     prior: Marginal<DIM>,
     column_prior: ColumnPrior,
+    mooring_prior: MooringColumns,
+    /// 1-sigma of each axis of a moored buoy's position, m.
+    mooring_sigma: f64,
     /// Whether the prior holds marginalised states, whose linearisation cannot be repeated.
     prior_is_marginal: bool,
     /// Whether measurements between keyframes are one factor with their interval.
@@ -94,6 +98,8 @@ impl Window {
             spare: Vec::with_capacity(2),
             prior: Marginal { information: Block::zeros(), right: BlockVector::zeros() },
             column_prior: ColumnPrior::default(),
+            mooring_prior: MooringColumns::default(),
+            mooring_sigma: 0.0,
             prior_is_marginal: false,
             is_joint: false,
             dirty: 0,
@@ -126,6 +132,7 @@ impl Window {
         self.prior = Marginal { information, right: BlockVector::zeros() };
         self.prior_is_marginal = false;
         self.column_prior = ColumnPrior::default();
+        self.mooring_prior.clear();
         self.push_node(t, state);
         self.dirty = 0;
         self.uncounted = 0;
@@ -135,20 +142,37 @@ impl Window {
     /// All of it, with an empty one left in its place.
     #[must_use]
     pub fn take(&mut self) -> Window {
-        let empty = Window { is_joint: self.is_joint, ..Window::new(self.config, self.world) };
+        let mut empty = Window { is_joint: self.is_joint, ..Window::new(self.config, self.world) };
+        empty.consider_moorings(self.mooring_sigma);
         core::mem::replace(self, empty)
     }
 
     fn push_node(&mut self, t: Time, state: &NavState) {
-        let node = match self.spare.pop() {
+        let mut node = match self.spare.pop() {
             Some(mut node) => {
                 node.renew(t, state);
                 node
             }
             None => Box::new(Node::new(t, state)),
         };
+        if self.considers_moorings() {
+            node.moorings.reserve();
+        }
         self.nodes.push_back(node);
         self.costs.push_back(0.0);
+    }
+
+    /// Covariances cover that the positions of moored buoys are off by so much, 1-sigma of an axis in m.
+    pub fn consider_moorings(&mut self, sigma: f64) {
+        self.mooring_sigma = sigma;
+        if self.considers_moorings() {
+            self.mooring_prior.reserve();
+        }
+    }
+
+    /// Whether anything is to be covered of them.
+    pub fn considers_moorings(&self) -> bool {
+        self.mooring_sigma > 0.0
     }
 
     /// Makes measurements between keyframes one factor with their interval, and moves linearisation points as a batch does:
@@ -157,9 +181,9 @@ impl Window {
         self.is_joint = true;
     }
 
-    /// Whether every link is factorised as it stands.
+    /// Whether every link is factorised as it stands, and the columns with it.
     pub fn is_swept(&self) -> bool {
-        self.dirty >= self.nodes.len()
+        self.dirty >= self.nodes.len() && (!self.considers_moorings() || self.columns_behind >= self.nodes.len())
     }
 
     /// Index of the keyframe at exactly `t`.
@@ -177,7 +201,9 @@ impl Window {
         let Some(oldest) = self.nodes.pop_front() else { return };
         self.costs.pop_front();
         if let Some(next) = self.nodes.front() {
-            self.column_prior = wide(|| oldest.columns.marginal(&oldest.link, next.t - oldest.t));
+            let dt = next.t - oldest.t;
+            self.column_prior = wide(|| oldest.columns.marginal(&oldest.link, dt));
+            wide(|| self.mooring_prior.take_marginal(&oldest.moorings, &oldest.link, dt));
         }
         let Marginal { information, right } = wide(|| oldest.link.marginal());
         self.prior =
@@ -416,6 +442,7 @@ impl Window {
         self.prior =
             Marginal { information: carry.transpose() * information * carry, right: carry.transpose() * moved };
         self.column_prior.carry(step, &carry);
+        self.mooring_prior.carry(&carry);
     }
 
     /// Takes a systematic error out of the readings, less of it the older they are, as one memory of `columns` has it; the
@@ -441,23 +468,49 @@ impl Window {
         }
     }
 
-    /// Brings the columns of the systematic errors to the last solve.
+    /// Brings the columns of the systematic errors and of the moored buoys to the last solve.
     pub fn sweep_columns(&mut self) {
+        let considers_moorings = self.considers_moorings();
         let nodes = self.nodes.make_contiguous();
         for index in self.columns_behind..nodes.len() {
             let (before, rest) = nodes.split_at_mut(index);
-            let Node { t, rows, link, columns, .. } = &mut *rest[0];
-            let before = before.last().map_or(Before::Prior(&self.column_prior), |earlier| {
-                Before::Link(&earlier.columns, &earlier.link, *t - earlier.t)
+            let Node { t, rows, link, columns, moorings, .. } = &mut *rest[0];
+            let earlier = before.last().map(|earlier| (earlier, *t - earlier.t));
+            let before = earlier.map_or(Before::Prior(&self.column_prior), |(earlier, dt)| {
+                Before::Link(&earlier.columns, &earlier.link, dt)
             });
             wide(|| columns.sweep(link, &rows.assemble_slopes(), before));
+            if considers_moorings {
+                let before = earlier.map_or(moorings::Before::Prior(&self.mooring_prior), |(earlier, dt)| {
+                    moorings::Before::Link(&earlier.moorings, &earlier.link, dt)
+                });
+                wide(|| {
+                    moorings.clear();
+                    rows.assemble_moorings(moorings);
+                    moorings.sweep(link, columns, before);
+                });
+            }
         }
         self.columns_behind = nodes.len();
     }
 
+    /// Adds to the covariance of a keyframe what the positions of the moored buoys may be off by, as of [`Window::sweep_columns`].
+    /// `states` comes from the keyframe after it, or is empty at the newest.
+    pub fn cover_moorings(&self, node: &Node, states: &mut StatesByPosition, covariance: &mut Block<DIM>) {
+        if self.considers_moorings() {
+            wide(|| {
+                node.moorings.carry_back(&node.link, states);
+                states.cover(self.mooring_sigma, covariance);
+            });
+        }
+    }
+
     /// What each memory says of a systematic error, as of [`Window::sweep_columns`].
     pub fn score(&self, error: usize) -> [Score; TERMS] {
-        self.nodes.back().map_or([Score::default(); TERMS], |newest| newest.columns.of(error))
+        let Some(newest) = self.nodes.back() else { return [Score::default(); TERMS] };
+        let scores = newest.columns.of(error);
+        let variance = self.mooring_sigma * self.mooring_sigma;
+        core::array::from_fn(|term| scores[term].in_doubt(variance * newest.moorings.variance_of(error, term)))
     }
 
     /// How far the newest state is off per unit of a systematic error.
@@ -541,6 +594,7 @@ impl Window {
         self.prior = Marginal { information, right: BlockVector::zeros() };
         self.prior_is_marginal = false;
         self.column_prior = ColumnPrior::default();
+        self.mooring_prior.clear();
         let mut state = *first;
         for node in &mut self.nodes {
             node.linearised = state;
@@ -578,10 +632,14 @@ impl Window {
         }
     }
 
-    /// Covariance of the newest keyframe. `None` before the first solve.
-    pub fn newest_covariance(&self) -> Option<Block<DIM>> {
+    /// Covariance of the newest keyframe, moored buoys covered. `None` before the first solve.
+    pub fn newest_covariance(&mut self) -> Option<Block<DIM>> {
+        if self.considers_moorings() {
+            self.sweep_columns();
+        }
         let newest = self.nodes.back()?;
-        let covariance = wide(|| newest.link.covariance());
+        let mut covariance = wide(|| newest.link.covariance());
+        self.cover_moorings(newest, &mut StatesByPosition::default(), &mut covariance);
         covariance.iter().all(|x| x.is_finite()).then_some(covariance)
     }
 

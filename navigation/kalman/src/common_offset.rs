@@ -74,6 +74,7 @@ mod tests {
                 inverse_sigma: 1.0 / SIGMAS[i],
                 weight: 1.0,
                 slopes: Default::default(),
+                mooring: None,
             })
             .collect();
         (jacobian, residual, rows)

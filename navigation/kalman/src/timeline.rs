@@ -158,7 +158,7 @@ mod tests {
     }
 
     fn range(t: i64, buoy: u32) -> Entry {
-        entry(t, Reading::Lbl { buoy, epoch: 1, range: 5.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0 })
+        entry(t, Reading::Lbl { buoy, epoch: 1, range: 5.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0, is_moored: true })
     }
 
     fn depth(t: i64) -> Entry {

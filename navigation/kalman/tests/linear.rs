@@ -60,6 +60,7 @@ impl Linear {
                 inverse_sigma: 1.0,
                 weight: 1.0,
                 slopes: [0.0; SLOTS],
+                mooring: None,
             });
         }
     }
@@ -145,7 +146,14 @@ fn after_a_million_rows_the_covariance_is_symmetric_and_positive() {
             for _ in 0..3 {
                 let jacobian = SVector::from_fn(|_, _| rng.random_range(-1.0..1.0) * scale);
                 let residual = rng.random_range(-1.0..1.0);
-                rows.push(Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slopes: [0.0; SLOTS] });
+                rows.push(Row {
+                    jacobian,
+                    residual,
+                    inverse_sigma: 1.0,
+                    weight: 1.0,
+                    slopes: [0.0; SLOTS],
+                    mooring: None,
+                });
             }
         };
         filter.update(1, linearise, &mut rows).expect("finite");
@@ -165,8 +173,14 @@ fn what_is_no_number_leaves_the_filter_as_it_was() {
     let mut filter = Filter::new(NavState::identity(), covariance());
     let before = filter;
     for residual in [f64::NAN, f64::INFINITY, 1e308] {
-        let row =
-            Row { jacobian: SVector::repeat(1e10), residual, inverse_sigma: 1.0, weight: 1.0, slopes: [0.0; SLOTS] };
+        let row = Row {
+            jacobian: SVector::repeat(1e10),
+            residual,
+            inverse_sigma: 1.0,
+            weight: 1.0,
+            slopes: [0.0; SLOTS],
+            mooring: None,
+        };
         let done = filter.update(3, |_, rows| rows.extend([row, row]), &mut Vec::new());
         if residual == 1e308 {
             // A number, if no sensible one: whatever comes of it is finite.

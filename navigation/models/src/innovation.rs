@@ -160,7 +160,7 @@ mod tests {
     fn row(at: usize, residual: f64) -> Row {
         let mut jacobian = BlockVector::zeros();
         jacobian[at] = 1.0;
-        Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slopes: [0.0; SLOTS] }
+        Row { jacobian, residual, inverse_sigma: 1.0, weight: 1.0, slopes: [0.0; SLOTS], mooring: None }
     }
 
     #[test]

@@ -422,7 +422,8 @@ mod tests {
                 state_share: 0.0,
                 slopes: Default::default(),
             };
-            let row = Row { jacobian, residual, inverse_sigma: 1.0 / SIGMA, weight: 1.0, slopes: Default::default() };
+            let slopes = Default::default();
+            let row = Row { jacobian, residual, inverse_sigma: 1.0 / SIGMA, weight: 1.0, slopes, mooring: None };
             Read(innovation, config.kernel, Some(row))
         };
         let mut epoch = [0.3, 1.9, 3.6, 5.1].map(range).into();

@@ -169,7 +169,7 @@ mod tests {
                 jacobian.fixed_rows_mut::<2>(POSITION).copy_from(&(towards / SIGMA));
                 let residual = (noise() - towards.dot(&off)) / SIGMA;
                 let slopes = [-towards.dot(&velocity) / SIGMA, 0.0];
-                let row = Row { jacobian, residual, inverse_sigma: 1.0 / SIGMA, weight: 1.0, slopes };
+                let row = Row { jacobian, residual, inverse_sigma: 1.0 / SIGMA, weight: 1.0, slopes, mooring: None };
                 let innovation = Innovation::of(&[row], &BlockVector::zeros(), &covariance);
                 epoch.observe(&[row], &innovation);
             }
@@ -237,7 +237,14 @@ mod tests {
         let mut pull = Pull::default();
         let mut jacobian = BlockVector::<ERROR_DIM>::zeros();
         jacobian[POSITION] = 1.0 / SIGMA;
-        let row = Row { jacobian, residual: 9.0, inverse_sigma: 1.0 / SIGMA, weight: 1.0, slopes: Default::default() };
+        let row = Row {
+            jacobian,
+            residual: 9.0,
+            inverse_sigma: 1.0 / SIGMA,
+            weight: 1.0,
+            slopes: Default::default(),
+            mooring: None,
+        };
         let innovation = Innovation::of(&[row], &BlockVector::zeros(), &Block::<ERROR_DIM>::zeros());
         pull.observe(&[row], &innovation);
         assert!(pull.fit().is_none() && pull.agrees());

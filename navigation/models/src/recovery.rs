@@ -214,7 +214,8 @@ mod tests {
             .enumerate()
             .map(|(index, &buoy_enu)| {
                 let range = (at - Vector3::from(buoy_enu)).norm() + error(index);
-                let reading = Reading::Lbl { buoy: index as u32, epoch: 1, range, buoy_enu, buoy_sigma: 0.0 };
+                let reading =
+                    Reading::Lbl { buoy: index as u32, epoch: 1, range, buoy_enu, buoy_sigma: 0.0, is_moored: true };
                 (Measurement::new(Time(0), Time(0), &reading), reading)
             })
             .collect()

@@ -32,6 +32,8 @@ pub struct Row {
     pub weight: f64,
     /// How its sensor's systematic errors change it.
     pub slopes: Slopes,
+    /// Which moored buoy it is a range to, where its position is not exact.
+    pub mooring: Option<u8>,
 }
 
 impl Row {
@@ -59,6 +61,7 @@ const NO_ROW: Row = Row {
     inverse_sigma: 0.0,
     weight: 1.0,
     slopes: [0.0; SLOTS],
+    mooring: None,
 };
 
 impl MeasuredRows {

@@ -52,9 +52,10 @@ fn after_warm_up_nothing_is_allocated() {
     let world = World::new(&scenario, Preset::Realistic, 1).expect("a valid world");
     let readings: Vec<RawReading> =
         world.readings().take_while(|reading| reading.t_valid() < Time::from_seconds(140.0)).collect();
-    for estimator in ["fgo", "ekf", "fkf"] {
+    let moored = "lbl.buoy_sigma=0.3";
+    for (estimator, also) in [("fgo", None), ("fgo", Some(moored)), ("ekf", None), ("fkf", None)] {
         let facts = ConfigText::new("sensors.toml", world.sensors_toml());
-        let sets = [format!("estimator={estimator}")];
+        let sets: Vec<String> = [format!("estimator={estimator}")].into_iter().chain(also.map(str::to_owned)).collect();
         let config = Config::load(&[facts], &sets).expect("a valid configuration");
         run(estimator, &config, &readings);
     }

@@ -5,7 +5,7 @@ mod runs;
 use nav_evaluation::{EstimatePoint, Score, Scorer, Window};
 use nav_geometry::Geodetic;
 use nav_pipeline::{Navigator, Smoothed, Unmeasured};
-use runs::{Run, assert_finite};
+use runs::{Run, assert_finite, misplaced};
 use shared_types::{Config, ConfigText, RawReading, Time};
 use sim_world::{Preset, Scenario, World};
 
@@ -121,6 +121,21 @@ fn a_wrong_start_is_forgotten() {
     assert!(batch.smoothed.report.converged, "{:?}", batch.smoothed.report);
     assert!(batch.smoothed.report.cost[1] <= batch.smoothed.report.cost[0], "{:?}", batch.smoothed.report);
     assert!(batch.score.rms_horizontal < 0.1, "{:?}", batch.score);
+}
+
+#[test]
+fn what_moored_buoys_are_off_by_is_in_every_covariance() {
+    const SEEDS: u64 = 8;
+    let (mut nees, mut least) = (0.0, 1.0_f64);
+    for seed in 1..=SEEDS {
+        let run = Run { preset: Preset::Realistic, seed, sets: &["lbl.buoy_sigma=0.5"], ..MISSION };
+        let score = smooth(&run, misplaced(seed, 0.5)).score;
+        let of_run = score.nees_enu.expect("sigmas are published");
+        nees += (of_run[0] + of_run[1]) / (2 * SEEDS) as f64;
+        least = score.three_sigma_share_enu.expect("sigmas are published").into_iter().fold(least, f64::min);
+    }
+    // As noise it would be 20 and more.
+    assert!((0.2..1.7).contains(&nees) && least > 0.95, "NEES {nees}, {least} within 3 sigma");
 }
 
 #[test]

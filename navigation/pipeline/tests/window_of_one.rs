@@ -62,6 +62,7 @@ fn readings() -> Vec<Reading> {
         range,
         buoy_enu,
         buoy_sigma: 0.0,
+        is_moored: true,
     });
     [
         Reading::Gnss { antenna_enu: [121.2, -340.9, -54.6], sigma_enu: [0.5, 0.5, 0.8] },

@@ -94,6 +94,8 @@ pub(crate) struct BuoyPlace {
     pub(crate) enu: Vector3<f64>,
     /// How far it may have drifted from there, 1-sigma in m.
     pub(crate) drifted: f64,
+    /// It does not drift.
+    pub(crate) is_moored: bool,
 }
 
 /// The positions of all buoys.
@@ -183,7 +185,7 @@ impl BuoyTracks {
         let is_fresh = |age: Duration| track.moored || age <= self.max_age;
         if t <= first.t {
             return if is_fresh(first.t - t) {
-                Ok(BuoyPlace { enu: frame.to_enu(&first.geodetic), drifted: 0.0 })
+                Ok(BuoyPlace { enu: frame.to_enu(&first.geodetic), drifted: 0.0, is_moored: track.moored })
             } else {
                 Err(RejectReason::StaleBuoy)
             };
@@ -200,11 +202,11 @@ impl BuoyTracks {
                 _ => (frame.to_enu(&last.geodetic), last.t),
             };
             let drifted = if track.moored { 0.0 } else { track.drift.gone(t_told, t) };
-            return Ok(BuoyPlace { enu, drifted });
+            return Ok(BuoyPlace { enu, drifted, is_moored: track.moored });
         }
         let after = track.positions.partition_point(|position| position.t <= t);
         let enu = on_line(&track.positions[after - 1], &track.positions[after], t, frame);
-        Ok(BuoyPlace { enu, drifted: 0.0 })
+        Ok(BuoyPlace { enu, drifted: 0.0, is_moored: track.moored })
     }
 
     /// The track of that buoy, made if it is new; `None` when the table is full.

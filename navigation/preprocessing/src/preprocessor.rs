@@ -345,7 +345,8 @@ impl Preprocessor {
         let frame = self.origin.frame().ok_or(RejectReason::BeforeStart)?;
         let place = self.buoys.at(raw.buoy, t, frame)?;
         let (buoy_enu, buoy_sigma) = (place.enu.into(), self.vehicle.lbl.buoy_sigma.hypot(place.drifted));
-        let reading = Reading::Lbl { buoy: raw.buoy, epoch: self.epochs.number(t), range, buoy_enu, buoy_sigma };
+        let (epoch, is_moored) = (self.epochs.number(t), place.is_moored);
+        let reading = Reading::Lbl { buoy: raw.buoy, epoch, range, buoy_enu, buoy_sigma, is_moored };
         self.offsets.hold(measurement(&raw.header, &reading))?;
         self.times.on_ping(t);
         Ok(())

@@ -125,7 +125,8 @@ mod tests {
     }
 
     fn range(t: f64) -> Measurement {
-        let reading = Reading::Lbl { buoy: 1, epoch: 1, range: 5.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0 };
+        let reading =
+            Reading::Lbl { buoy: 1, epoch: 1, range: 5.0, buoy_enu: [0.0; 3], buoy_sigma: 0.0, is_moored: true };
         Measurement::new(at(t), at(t), &reading)
     }
 

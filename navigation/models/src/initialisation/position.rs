@@ -69,7 +69,7 @@ impl Initialiser {
         let fix = self.multilaterate(t_keyframe, r_enu_body, world)?;
         let ranges = self.ranges_at(t_keyframe).map(|range| {
             let Range { t, range, buoy_enu, buoy_sigma } = *range;
-            (t, Reading::Lbl { buoy: 0, epoch: 0, range, buoy_enu: buoy_enu.into(), buoy_sigma })
+            (t, Reading::Lbl { buoy: 0, epoch: 0, range, buoy_enu: buoy_enu.into(), buoy_sigma, is_moored: false })
         });
         Some(Place {
             position_enu: fix.position_enu,

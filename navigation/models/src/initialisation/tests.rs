@@ -164,8 +164,14 @@ fn ranges_and_depth_tell_the_position_and_the_mirror_does_not_win() {
         }
         for (number, buoy) in buoys.iter().enumerate().take(count) {
             let range = (truth - buoy).norm() - offset;
-            let reading =
-                Reading::Lbl { buoy: number as u32, epoch: 4, range, buoy_enu: (*buoy).into(), buoy_sigma: 0.0 };
+            let reading = Reading::Lbl {
+                buoy: number as u32,
+                epoch: 4,
+                range,
+                buoy_enu: (*buoy).into(),
+                buoy_sigma: 0.0,
+                is_moored: true,
+            };
             push(&mut initialiser, 3.0, &reading);
         }
         initialiser.first_state(Time::from_seconds(3.0), &world())

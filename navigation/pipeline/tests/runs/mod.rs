@@ -80,6 +80,40 @@ impl Run<'_> {
     }
 }
 
+/// Puts every moored buoy where no survey has it, by `sigma` m an axis, drawn for each buoy and `seed`.
+pub fn misplaced(seed: u64, sigma: f64) -> impl FnMut(RawReading) -> Option<RawReading> {
+    const METRES_PER_DEG: f64 = 111_200.0;
+    move |mut reading| {
+        if let RawReading::Buoy(fix) = &mut reading {
+            let mut draw = Lcg::new(seed * 1000 + u64::from(fix.buoy));
+            fix.lat_deg += sigma * draw.normal() / METRES_PER_DEG;
+            fix.lon_deg += sigma * draw.normal() / (METRES_PER_DEG * fix.lat_deg.to_radians().cos());
+            fix.height += sigma * draw.normal();
+        }
+        Some(reading)
+    }
+}
+
+struct Lcg(u64);
+
+impl Lcg {
+    fn new(seed: u64) -> Lcg {
+        let mut lcg = Lcg(seed);
+        (0..8).for_each(|_| _ = lcg.uniform());
+        lcg
+    }
+
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Of twelve uniform numbers.
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}
+
 /// No number of an estimate may be NaN or infinite, but for the age of a sensor that never spoke.
 pub fn assert_finite(estimate: &NavEstimate) {
     let numbers = [
