@@ -39,8 +39,6 @@ use crate::world::WorldModel;
 /// IMU samples are kept for so long, and at first there is room for so many: 20 s at 200 Hz.
 const SAMPLES_KEPT_FOR: Duration = Duration(20_000_000_000);
 const SAMPLES_KEPT: usize = 4096;
-/// Ranges kept of the newest epoch.
-const RANGES_KEPT: usize = 32;
 /// Readings of slower sensors kept.
 const READINGS_KEPT: usize = 64;
 /// A reading older than this does not speak of the keyframe.
@@ -63,8 +61,7 @@ struct Heard {
     dvl: Readings<Vector3<f64>>,
     mcp: Readings<f64>,
     ps: Readings<f64>,
-    ranges: Vec<position::Range>,
-    epoch: Option<u32>,
+    ranges: position::Ranges,
 }
 
 /// Gathers measurements until a first state can be told. See the module.
@@ -130,14 +127,9 @@ impl Initialiser {
             Reading::Dvl { velocity_dvl } => keep(&mut self.heard.dvl, (t, Vector3::from(velocity_dvl))),
             Reading::Mcp { heading } => keep(&mut self.heard.mcp, (t, heading)),
             Reading::Ps { depth } => keep(&mut self.heard.ps, (t, depth)),
-            Reading::Lbl { epoch, range, buoy_enu, buoy_sigma, .. } => {
-                if self.heard.epoch != Some(epoch) {
-                    self.heard.ranges.clear();
-                    self.heard.epoch = Some(epoch);
-                }
-                if self.heard.ranges.len() < RANGES_KEPT {
-                    self.heard.ranges.push(position::Range { t, range, buoy_enu: Vector3::from(buoy_enu), buoy_sigma });
-                }
+            Reading::Lbl { buoy, epoch, range, buoy_enu, buoy_sigma, .. } => {
+                let buoy_enu = Vector3::from(buoy_enu);
+                self.heard.ranges.hear(position::Range { t, buoy, epoch, range, buoy_enu, buoy_sigma });
             }
             Reading::Keyframe { .. } => {}
         }
@@ -181,7 +173,7 @@ impl Initialiser {
         let attitude = self.attitude_at(t_keyframe, &motion, &samples, world)?;
         let r_enu_body = attitude.q_enu_body.to_rotation_matrix().into_inner();
         let velocity = self.velocity_at(t_keyframe, &motion, &attitude, world);
-        let place = self.position_at(t_keyframe, &r_enu_body, world)?;
+        let place = self.position_at(t_keyframe, &r_enu_body, &velocity, world)?;
         // A mean rate that no turn-on bias explains is a turn, and tells nothing of the bias.
         let rest_rate = motion.mean_gyro - r_enu_body.tr_mul(&world.earth_rate_enu);
         let is_bias = motion.is_still && rest_rate.amax() < 4.0 * vehicle.imu.gyro_bias_sigma;

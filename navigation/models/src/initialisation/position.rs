@@ -4,10 +4,13 @@
 //! Ranges to buoys at one height have two solutions, one the mirror of the other. Gauss-Newton starts on both sides, the
 //! better residual wins and, where they tie, the one under the buoys. The offset that an epoch shares is a fourth unknown with
 //! its prior, so that raw ranges (σ_d = 0), differences (σ_d = ∞, at least four buoys) and what lies between are one thing.
+//! Transponders that are asked one after the other have an epoch each: raw ranges are taken from the newest of every buoy, each
+//! along the way that the vehicle has gone since.
 
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
-use shared_types::{Reading, Time};
+use shared_types::{Duration, Reading, Time};
 
+use super::attitude::Velocity;
 use super::{Initialiser, READING_AGE_MAX, newest_at};
 use crate::world::WorldModel;
 
@@ -20,16 +23,50 @@ const UNKNOWN_HEIGHT_SIGMA: f64 = 20.0;
 /// Gauss-Newton ends here.
 const ITERATIONS: usize = 30;
 const CONVERGED: f64 = 1e-6;
+/// The range of a buoy that is asked in turn stands for so long.
+const TURN: Duration = Duration(10_000_000_000);
+/// What a velocity that the DVL saw may be off by while it is held over some seconds, m/s.
+const TURNING: f64 = 0.3;
+/// Ranges kept.
+const RANGES_KEPT: usize = 32;
 /// Sum of squares per surplus row beyond which ranges do not meet in a point: a wrong range, a wrong buoy.
 const WORST_COST: f64 = 25.0;
 
-/// One range of the newest epoch.
+/// One range.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Range {
     pub(super) t: Time,
+    pub(super) buoy: u32,
+    pub(super) epoch: u32,
     pub(super) range: f64,
     pub(super) buoy_enu: Vector3<f64>,
     pub(super) buoy_sigma: f64,
+}
+
+/// Ranges of the newest epoch, and the newest of every buoy that is not in it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Ranges(Vec<Range>);
+
+impl Ranges {
+    pub(super) fn hear(&mut self, range: Range) {
+        self.0.retain(|known| known.epoch == range.epoch || known.buoy != range.buoy && range.t - known.t <= TURN);
+        if self.0.len() < RANGES_KEPT {
+            self.0.push(range);
+        }
+    }
+
+    /// Those that tell the place at a keyframe, which may lie within their epoch: at least `needed` of one epoch, else, if
+    /// `may_mix`, of several.
+    fn at(&self, t_keyframe: Time, needed: usize, may_mix: bool) -> Vec<Range> {
+        let newest = self.0.last().map(|range| range.epoch);
+        let is_near = |range: &&Range| (range.t - t_keyframe).abs() <= READING_AGE_MAX;
+        let of_epoch = self.0.iter().filter(|range| Some(range.epoch) == newest).filter(is_near);
+        if of_epoch.clone().count() >= needed || !may_mix {
+            return of_epoch.copied().collect();
+        }
+        let is_of_turn = |range: &&Range| is_near(range) || range.t <= t_keyframe && t_keyframe - range.t <= TURN;
+        self.0.iter().filter(is_of_turn).copied().collect()
+    }
 }
 
 struct Fix {
@@ -47,7 +84,13 @@ pub(super) struct Place {
 }
 
 impl Initialiser {
-    pub(super) fn position_at(&self, t_keyframe: Time, r_enu_body: &Matrix3<f64>, world: &WorldModel) -> Option<Place> {
+    pub(super) fn position_at(
+        &self,
+        t_keyframe: Time,
+        r_enu_body: &Matrix3<f64>,
+        velocity: &Velocity,
+        world: &WorldModel,
+    ) -> Option<Place> {
         let initial = &self.config.vehicle.initial;
         if let Some(position) = initial.position_enu {
             let covariance = Matrix3::identity() * initial.sigma_position.powi(2);
@@ -66,10 +109,16 @@ impl Initialiser {
                 readings: depth.into_iter().chain([(*t, reading)]).collect(),
             });
         }
-        let fix = self.multilaterate(t_keyframe, r_enu_body, world)?;
-        let ranges = self.ranges_at(t_keyframe).map(|range| {
-            let Range { t, range, buoy_enu, buoy_sigma } = *range;
-            (t, Reading::Lbl { buoy: 0, epoch: 0, range, buoy_enu: buoy_enu.into(), buoy_sigma, is_moored: false })
+        let has_common_offset = self.config.navigator.lbl_common_offset_sigma > 0.0;
+        let needed = if has_common_offset { 4 } else { 3 };
+        let ranges = self.heard.ranges.at(t_keyframe, needed, !has_common_offset);
+        if ranges.len() < needed {
+            return None;
+        }
+        let fix = self.multilaterate(&ranges, t_keyframe, r_enu_body, velocity, world)?;
+        let ranges = ranges.iter().map(|range| {
+            let Range { t, buoy, epoch, range, buoy_enu, buoy_sigma } = *range;
+            (t, Reading::Lbl { buoy, epoch, range, buoy_enu: buoy_enu.into(), buoy_sigma, is_moored: false })
         });
         Some(Place {
             position_enu: fix.position_enu,
@@ -78,24 +127,21 @@ impl Initialiser {
         })
     }
 
-    /// Ranges of the newest epoch, if it is near the keyframe, which may lie within it.
-    fn ranges_at(&self, t_keyframe: Time) -> impl Iterator<Item = &Range> {
-        self.heard.ranges.iter().filter(move |range| (range.t - t_keyframe).abs() <= READING_AGE_MAX)
-    }
-
-    fn multilaterate(&self, t_keyframe: Time, r_enu_body: &Matrix3<f64>, world: &WorldModel) -> Option<Fix> {
-        let ranges: Vec<Range> = self.ranges_at(t_keyframe).copied().collect();
-        let has_common_offset = self.config.navigator.lbl_common_offset_sigma > 0.0;
-        if ranges.len() < if has_common_offset { 4 } else { 3 } {
-            return None;
-        }
+    fn multilaterate(
+        &self,
+        ranges: &[Range],
+        t_keyframe: Time,
+        r_enu_body: &Matrix3<f64>,
+        velocity: &Velocity,
+        world: &WorldModel,
+    ) -> Option<Fix> {
         let middle = ranges.iter().map(|range| range.buoy_enu).sum::<Vector3<f64>>() / ranges.len() as f64;
         let reach = ranges.iter().map(|range| range.range).fold(f64::INFINITY, f64::min);
         let mut best: Option<Fix> = None;
         // Below first: a tie keeps it.
         for side in [-0.5, 0.5] {
             let start = middle + Vector3::z() * (side * reach);
-            if let Some(fix) = self.solve(&ranges, &start, t_keyframe, r_enu_body, world)
+            if let Some(fix) = self.solve(ranges, &start, t_keyframe, r_enu_body, velocity, world)
                 && best.as_ref().is_none_or(|other| fix.cost < other.cost - 1e-6 * (1.0 + other.cost))
             {
                 best = Some(fix);
@@ -111,6 +157,7 @@ impl Initialiser {
         start: &Vector3<f64>,
         t_keyframe: Time,
         r_enu_body: &Matrix3<f64>,
+        velocity: &Velocity,
         world: &WorldModel,
     ) -> Option<Fix> {
         let vehicle = &self.config.vehicle;
@@ -120,6 +167,11 @@ impl Initialiser {
         let offset_sigma = self.config.navigator.lbl_common_offset_sigma;
         // Raw ranges: an offset held at zero, to a micrometre.
         let offset_information = 1.0 / offset_sigma.max(1e-6).powi(2);
+
+        let speed_sigma = match velocity.readings.is_empty() {
+            true => velocity.covariance.diagonal().max().sqrt(),
+            false => TURNING,
+        };
 
         let (mut position, mut offset) = (*start, 0.0);
         for _ in 0..ITERATIONS {
@@ -132,11 +184,12 @@ impl Initialiser {
                 cost += residual * residual * information;
             };
             for range in ranges {
-                let from_buoy = position + transducer - range.buoy_enu;
+                let dt = (range.t - t_keyframe).as_seconds();
+                let from_buoy = position + velocity.velocity_enu * dt + transducer - range.buoy_enu;
                 let distance = from_buoy.norm().max(f64::MIN_POSITIVE);
                 let direction = from_buoy / distance;
                 // Residual predicted − measured, with the measured range long by the offset (r = h − z ~ d).
-                let variance = vehicle.lbl.sigma.powi(2) + range.buoy_sigma.powi(2);
+                let variance = vehicle.lbl.sigma.powi(2) + range.buoy_sigma.powi(2) + (speed_sigma * dt).powi(2);
                 add(direction.push(-1.0), distance - range.range - offset, 1.0 / variance);
             }
             add(Vector4::w(), offset, offset_information);

@@ -191,6 +191,37 @@ fn ranges_and_depth_tell_the_position_and_the_mirror_does_not_win() {
 }
 
 #[test]
+fn ranges_of_buoys_asked_in_turn_tell_the_position_of_a_vehicle_under_way() {
+    let buoys = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0]].map(Vector3::from);
+    let way = |t: f64| Vector3::new(40.0 + 2.0 * t, -60.0, -30.0);
+    let tell = |offset_sigma: f64, apart: f64| {
+        let mut config = config();
+        config.navigator.lbl_common_offset_sigma = offset_sigma;
+        config.vehicle.lbl.lever_arm_body = [0.0; 3];
+        config.vehicle.ps.lever_arm_body = [0.0; 3];
+        let mut initialiser = Initialiser::new(&config);
+        let t_end = 8.0;
+        riding(&mut initialiser, t_end, Some(2.0));
+        push(&mut initialiser, t_end, &Reading::Ps { depth: -world().frame.height_at(&way(t_end)) });
+        // An older range of a buoy that has answered again says nothing any more.
+        for (turn, number) in [1, 0, 1, 2].into_iter().enumerate() {
+            let t = t_end - 0.3 - apart * (3 - turn) as f64;
+            let range = if turn == 0 { 9.0 } else { (way(t) - buoys[number]).norm() };
+            let buoy_enu = buoys[number].into();
+            let (buoy, epoch) = (number as u32, turn as u32);
+            push(&mut initialiser, t, &Reading::Lbl { buoy, epoch, range, buoy_enu, buoy_sigma: 0.0, is_moored: true });
+        }
+        initialiser.first_state(Time::from_seconds(t_end), &world())
+    };
+    let (state, covariance) = tell(0.0, 2.0).expect("three ranges within ten seconds");
+    assert_relative_eq!(state.position_enu, way(8.0), epsilon = 0.05);
+    assert!((0.05..1.5).contains(&covariance[(0, 0)].sqrt()), "{} m", covariance[(0, 0)].sqrt());
+    // Each has an offset of its own; and after so long the vehicle is somewhere else.
+    assert!(tell(0.5, 2.0).is_none());
+    assert!(tell(0.0, 6.0).is_none());
+}
+
+#[test]
 fn an_accelerating_vehicle_is_levelled_by_what_the_dvl_saw() {
     // Straight ahead in the body with 0.3 m/s², tilted as ever.
     let acceleration = Vector3::new(0.3, 0.0, 0.0);
