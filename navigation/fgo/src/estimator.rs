@@ -254,11 +254,14 @@ impl FgoEstimator {
 
         window.make_room();
         let before = window.nodes()[window.nodes().len() - 1].state;
-        let predicted = transport(&before, &whole, window.world());
+        let mut predicted = transport(&before, &whole, window.world());
         let height_sigma = self.newest_covariance[(2, 2)].max(0.0).sqrt();
         let gap = self.history.sampling_period_at(t);
         let is_blind = gap > BLIND;
         let is_lost = !is_blind && !is_plausible(&predicted);
+        let moved = predicted.position_enu - before.position_enu;
+        self.ties.rounds.advance(t, &moved, &predicted);
+        let by_rounds = self.ties.rounds.loosening(&predicted, height_sigma, &self.config.vehicle);
         let loosened = match self.ties.epochs_refused() {
             _ if is_blind => Some(unseen(&before, gap)),
             _ if is_lost => Some(LOST),
@@ -267,6 +270,10 @@ impl FgoEstimator {
             }
             _ => loosening_by_fixes(&self.pending, &predicted, t, self.ties.fixes_improbable()),
         };
+        let loosened = loosened.or(by_rounds.map(|(loosening, shift)| {
+            predicted.position_enu += shift;
+            loosening
+        }));
         let is_inertial_to_blame = loosened.is_none() && self.ties.is_inertial_to_blame();
         let imu_noise = &self.config.vehicle.imu;
         let of_biases = loosening_of_biases(self.t_biases_loosened.map(|last| t - last), imu_noise)

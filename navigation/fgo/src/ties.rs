@@ -5,6 +5,7 @@ use nav_models::innovation::Innovation;
 use nav_models::judging::{Candidate, EPOCH_MAX, Judges, Verdict};
 use nav_models::preintegration::{Piece, Preintegration};
 use nav_models::recovery::Checked;
+use nav_models::rounds::Rounds;
 use nav_models::row::Row;
 use nav_models::sensors::GyroAt;
 use shared_types::{
@@ -73,6 +74,8 @@ pub struct Ties {
     epoch: Vec<Evaluated>,
     epoch_factors: Vec<Factor>,
     epoch_rows: Vec<Row>,
+    /// Ranges that came one by one.
+    pub rounds: Rounds,
     /// Buoys that may lie elsewhere than they are said to.
     pub moorings: Moorings,
     /// What is systematically wrong with each sensor's readings.
@@ -94,6 +97,7 @@ impl Ties {
             epoch: Vec::with_capacity(EPOCH_MAX),
             epoch_factors: Vec::with_capacity(EPOCH_MAX),
             epoch_rows: Vec::with_capacity(EPOCH_MAX),
+            rounds: Rounds::default(),
             moorings: Moorings::new(config),
             systematics: Systematics::new(&config.navigator.sensors),
             side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
@@ -127,6 +131,7 @@ impl Ties {
     /// Forgets what was concluded from a state that was wrong.
     pub fn begin_anew(&mut self) {
         self.judges = Judges::default();
+        self.rounds.forget();
         self.systematics = Systematics::new(&self.config.navigator.sensors);
     }
 
@@ -276,11 +281,22 @@ impl Ties {
         let (Some(first), Some(config)) = (self.epoch.first(), self.config.navigator.sensor(sensor)) else { return };
         let (shares_offset, t) = (first.factor.shares_offset(), first.factor.t);
         let (systematics, counts) = (&mut self.systematics, &mut self.counts[sensor.index()]);
+        let rounds = &mut self.rounds;
         let mut t_newest = Time::MIN;
         self.judges.judge(sensor, config, shares_offset, t, &mut self.epoch, |candidate, verdict| {
             let (place, components) = (candidate.factor.place(), candidate.factor.components());
             systematics.observe(place, &candidate.innovation, components, verdict.weight);
             list_candidate(report, candidate, verdict);
+            if let Model::Lbl(model) = &candidate.factor.model
+                && !shares_offset
+            {
+                // Whatever is admitted for want of others, or because its calibration is in doubt.
+                let innovation = &candidate.innovation;
+                let sigma_row = 1.0 / candidate.rows.as_slice()[0].inverse_sigma;
+                let residual = innovation.whitened[0] * (1.0 + innovation.state_share).sqrt() * sigma_row;
+                let own = model.sigma.hypot(model.buoy_sigma).hypot(innovation.state_share.sqrt() * sigma_row);
+                rounds.hear(candidate.factor.t, candidate.factor.buoy, model, residual / own);
+            }
             if verdict.refused {
                 counts.rejected[RejectReason::Gated.index()] += 1;
                 if !verdict.contradicted {

@@ -30,6 +30,11 @@ pub struct Innovation {
     pub slopes: [[f64; 3]; SLOTS],
 }
 
+/// Whether a range is, by its innovation in sigmas.
+pub(crate) fn is_range_probable(whitened: f64) -> bool {
+    (-RANGE_TOO_LONG..=RANGE_TOO_SHORT).contains(&whitened)
+}
+
 impl Innovation {
     /// Of rows at a step δ from their linearisation point, with the covariance of that state.
     pub fn of(rows: &[Row], delta: &BlockVector<DIM>, covariance: &Block<DIM>) -> Innovation {
@@ -93,7 +98,7 @@ impl Innovation {
     /// Whether a gate of 99.9 % lets it through; ranges are judged on two sides.
     pub fn passes(&self, sensor: Sensor, components: usize) -> bool {
         if sensor == Sensor::Lbl {
-            return (-RANGE_TOO_LONG..=RANGE_TOO_SHORT).contains(&self.whitened[0]);
+            return is_range_probable(self.whitened[0]);
         }
         // The negation refuses a NaN.
         self.nis <= gate_threshold(components)

@@ -21,6 +21,7 @@ pub mod propagator;
 mod pull;
 pub mod recovery;
 pub mod robust;
+pub mod rounds;
 pub mod row;
 pub mod sensors;
 pub mod state;

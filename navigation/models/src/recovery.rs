@@ -53,6 +53,16 @@ impl Loosening {
     pub const NONE: Loosening =
         Loosening { position: 0.0, velocity: 0.0, attitude: 0.0, accel_bias: 0.0, gyro_bias: 0.0 };
 
+    /// Of a state that is `shift` m beside the place on which ranges have agreed for so long.
+    pub(crate) fn by(shift: f64, refused_for: Duration) -> Loosening {
+        Loosening {
+            position: shift.max(POSITION_MIN),
+            velocity: (2.0 * shift / refused_for.as_seconds().max(1.0)).max(VELOCITY_MIN),
+            attitude: ATTITUDE,
+            ..Loosening::NONE
+        }
+    }
+
     /// Adds it to an increment.
     pub fn apply(&self, increment: &mut Preintegration) {
         increment.loosen(self.position, self.velocity, self.attitude);
@@ -81,13 +91,52 @@ pub fn loosening(
             _ => None,
         })
     };
-    let offset_sigma = config.navigator.lbl_common_offset_sigma;
-    let count = ranges().count();
+    let sigma = |model: &LblModel| config.vehicle.lbl.sigma.hypot(model.buoy_sigma);
+    let ranges = ranges().map(|model| (model, sigma(&model)));
+    let place = agreed(ranges, predicted, height_sigma, config.navigator.lbl_common_offset_sigma)?;
+    Some(Loosening::by(place.shift.xy().norm(), refused_for))
+}
+
+/// A place on which ranges agree.
+pub(crate) struct Place {
+    /// From the state, m.
+    pub(crate) shift: Vector3<f64>,
+    /// Ranges beyond those that tell the place.
+    pub(crate) redundancy: usize,
+}
+
+/// The place on which ranges agree within their sigmas; `None` where they do not, or where there are too few to say so. With
+/// `offset_sigma` they share an unknown offset.
+pub(crate) fn agreed(
+    ranges: impl Iterator<Item = (LblModel, f64)> + Clone,
+    predicted: &NavState,
+    height_sigma: f64,
+    offset_sigma: f64,
+) -> Option<Place> {
     // Two unknowns of the place, one of the offset; the height comes from its prior.
     let unknowns = if offset_sigma > 0.0 { 3 } else { 2 };
+    let count = ranges.clone().count();
     let redundancy = count.checked_sub(unknowns).filter(|&redundancy| redundancy > 0)?;
+    let at_state = Vector3::zeros();
+    // Far outside the buoys all directions are one, and a step from there goes anywhere.
+    let buoys = ranges.clone().map(|(model, _)| model.buoy_enu).sum::<Vector3<f64>>() / count as f64;
+    let among_buoys = (buoys - predicted.position_enu).xy().push(0.0);
+    [at_state, among_buoys].into_iter().find_map(|start| {
+        let (shift, chi2) = fit(ranges.clone(), predicted, &start, height_sigma, offset_sigma)?;
+        (chi2 <= chi2_999(redundancy)).then_some(Place { shift, redundancy })
+    })
+}
 
+/// Where ranges see the vehicle, from `predicted`, m, and the sum of squares that is left, found from `start`.
+fn fit(
+    ranges: impl Iterator<Item = (LblModel, f64)> + Clone,
+    predicted: &NavState,
+    start: &Vector3<f64>,
+    height_sigma: f64,
+    offset_sigma: f64,
+) -> Option<(Vector3<f64>, f64)> {
     let mut fitted = *predicted;
+    fitted.position_enu += start;
     let mut offset = 0.0;
     let mut chi2 = f64::INFINITY;
     for step in 0..=FIT_STEPS {
@@ -103,9 +152,8 @@ pub fn loosening(
         let mut normal = Matrix4::from_diagonal(&prior);
         let mut right = -prior.component_mul(&at);
         chi2 = prior.component_mul(&at).dot(&at);
-        for model in ranges() {
+        for (model, sigma) in ranges.clone() {
             let (distance, u) = model.distance_and_direction(&Pose::from(&fitted));
-            let sigma = config.vehicle.lbl.sigma.hypot(model.buoy_sigma);
             let residual = (distance + offset - model.range) / sigma;
             let row = Vector4::new(u.x, u.y, u.z, 1.0) / sigma;
             normal += row * row.transpose();
@@ -119,16 +167,7 @@ pub fn loosening(
         fitted.position_enu += delta.xyz();
         offset += delta.w;
     }
-    if chi2.is_nan() || chi2 > chi2_999(redundancy) {
-        return None;
-    }
-    let shift = (fitted.position_enu - predicted.position_enu).xy().norm();
-    Some(Loosening {
-        position: shift.max(POSITION_MIN),
-        velocity: (2.0 * shift / refused_for.as_seconds().max(1.0)).max(VELOCITY_MIN),
-        attitude: ATTITUDE,
-        ..Loosening::NONE
-    })
+    Some((fitted.position_enu - predicted.position_enu, chi2))
 }
 
 /// Satellite fixes in a row that no sigma explains, and for how long, before they overrule the state; only where no range

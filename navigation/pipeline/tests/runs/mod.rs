@@ -94,6 +94,12 @@ pub fn misplaced(seed: u64, sigma: f64) -> impl FnMut(RawReading) -> Option<RawR
     }
 }
 
+/// Numbers between 0 and 1.
+pub fn uniform(seed: u64) -> impl FnMut() -> f64 {
+    let mut draw = Lcg::new(seed);
+    move || draw.uniform()
+}
+
 struct Lcg(u64);
 
 impl Lcg {
