@@ -27,6 +27,12 @@ const CONVERGED: f64 = 1e-6;
 const TURN: Duration = Duration(10_000_000_000);
 /// What a velocity that the DVL saw may be off by while it is held over some seconds, m/s.
 const TURNING: f64 = 0.3;
+/// Sigmas by which a fix may be off what else is known.
+const CREDIBLE: f64 = 5.0;
+/// What a vehicle may go between two fixes, m/s.
+const FASTEST: f64 = 5.0;
+/// Antenna and pressure port may be so far apart, waves between them, m.
+const BETWEEN_SENSORS: f64 = 3.0;
 /// Ranges kept.
 const RANGES_KEPT: usize = 32;
 /// Sum of squares per surplus row beyond which ranges do not meet in a point: a wrong range, a wrong buoy.
@@ -69,6 +75,9 @@ impl Ranges {
     }
 }
 
+/// Antenna and sigmas of a satellite fix.
+type Fixed = (Time, (Vector3<f64>, Vector3<f64>));
+
 struct Fix {
     position_enu: Vector3<f64>,
     covariance: Matrix3<f64>,
@@ -97,7 +106,8 @@ impl Initialiser {
             return Some(Place { position_enu: Vector3::from(position), covariance, readings: Vec::new() });
         }
         let depth = newest_at(&self.heard.ps, t_keyframe).map(|&(t, depth)| (t, Reading::Ps { depth }));
-        if let Some((t, (antenna, sigma))) = newest_at(&self.heard.gnss, t_keyframe) {
+        let fix = newest_at(&self.heard.gnss, t_keyframe).filter(|fix| self.is_credible(fix, world));
+        if let Some((t, (antenna, sigma))) = fix {
             let lever_arm = Vector3::from(self.config.vehicle.gnss.lever_arm_body);
             let height = if sigma.z.is_finite() { UNKNOWN_POSITION_SIGMA } else { UNKNOWN_HEIGHT_SIGMA };
             let sigmas = Vector3::new(UNKNOWN_POSITION_SIGMA, UNKNOWN_POSITION_SIGMA, height);
@@ -125,6 +135,28 @@ impl Initialiser {
             covariance: Matrix3::from_diagonal_element(UNKNOWN_POSITION_SIGMA.powi(2)),
             readings: depth.into_iter().chain(ranges).collect(),
         })
+    }
+
+    /// Whether a run may begin at a fix: a wild one would be believed for long. One that agrees with the fix before
+    /// it may, and one whose height agrees with the depth; so may one that nothing speaks against.
+    fn is_credible(&self, (t, (antenna, sigma)): &Fixed, world: &WorldModel) -> bool {
+        let before = self.heard.gnss.iter().filter(|(earlier, _)| earlier < t).max_by_key(|(earlier, _)| *earlier);
+        let agrees = before.map(|(earlier, (other, other_sigma))| {
+            let way = FASTEST * (*t - *earlier).as_seconds();
+            let off = antenna - other;
+            // The sigma of a height that was not reported is infinite.
+            (0..3).all(|axis| off[axis].abs() <= CREDIBLE * sigma[axis].hypot(other_sigma[axis]) + way)
+        });
+        if agrees == Some(true) {
+            return true;
+        }
+        let depth = newest_at(&self.heard.ps, *t).map(|(_, depth)| *depth).filter(|_| sigma.z.is_finite());
+        let off =
+            depth.map(|depth| world.frame.height_at(antenna) - (self.config.vehicle.frame.surface_height - depth));
+        match off {
+            Some(off) => off.abs() <= CREDIBLE * sigma.z + BETWEEN_SENSORS,
+            None => agrees.is_none(),
+        }
     }
 
     fn multilaterate(

@@ -222,6 +222,30 @@ fn ranges_of_buoys_asked_in_turn_tell_the_position_of_a_vehicle_under_way() {
 }
 
 #[test]
+fn a_run_does_not_begin_at_a_wild_fix() {
+    let start = |fixes: &[(f64, [f64; 3])], depth: Option<f64>| {
+        let mut initialiser = Initialiser::new(&config());
+        push_imu(&mut initialiser, 4.0, |_| at_rest());
+        push(&mut initialiser, 4.0, &Reading::Mcp { heading: HEADING });
+        for &(t, antenna_enu) in fixes {
+            push(&mut initialiser, t, &Reading::Gnss { antenna_enu, sigma_enu: [0.5, 0.5, 1.0] });
+        }
+        if let Some(depth) = depth {
+            fixes.iter().for_each(|&(t, _)| push(&mut initialiser, t, &Reading::Ps { depth }));
+        }
+        initialiser.first_state(Time::from_seconds(4.0), &world()).is_some()
+    };
+    let (right, wild) = ([1.0, 2.0, 0.3], [1.0, -34.0, 12.4]);
+    assert!(start(&[(4.0, right)], None) && start(&[(4.0, right)], Some(0.2)));
+    // Nothing speaks against it but a depth, or another fix.
+    assert!(start(&[(4.0, wild)], None) && !start(&[(4.0, wild)], Some(0.2)));
+    assert!(!start(&[(3.0, right), (4.0, wild)], None) && !start(&[(3.0, wild), (4.0, right)], None));
+    assert!(start(&[(3.0, wild), (4.0, right)], Some(0.2)));
+    // Heights above another surface than ours disagree with every depth: two that agree are not wild.
+    assert!(start(&[(3.0, [1.0, 2.0, 40.3]), (4.0, [1.2, 2.0, 39.8])], Some(0.2)));
+}
+
+#[test]
 fn an_accelerating_vehicle_is_levelled_by_what_the_dvl_saw() {
     // Straight ahead in the body with 0.3 m/s², tilted as ever.
     let acceleration = Vector3::new(0.3, 0.0, 0.0);
