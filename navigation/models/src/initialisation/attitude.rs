@@ -57,6 +57,9 @@ pub(super) struct Attitude {
     pub(super) is_levelled: bool,
 }
 
+/// A way that is not straight is longer than its chord, by no more than this share of it.
+const TURNED: f64 = 0.3;
+
 /// First velocity, and the readings that say more of it.
 pub(super) struct Velocity {
     pub(super) velocity_enu: Vector3<f64>,
@@ -170,15 +173,32 @@ impl Initialiser {
         })
     }
 
-    /// A heading, when it was that, and its sigma: the compass, else the direction of the track.
+    /// A heading, when it was that, and its sigma: the compass, else the direction of the track, less the angle at which the DVL saw
+    /// the vehicle cross it. A track that the DVL did not see is that of a wild fix.
     fn heading_at(&self, t_keyframe: Time) -> Option<(Time, f64, f64)> {
         if let Some((t, heading)) = newest_at(&self.heard.mcp, t_keyframe) {
             return Some((*t, *heading, self.config.vehicle.mcp.sigma));
         }
         let Track { velocity_enu: way, sigma, t_middle } = self.track(t_keyframe)?;
+        let is_fast = |speed: f64| speed > STILL_SPEED + TRACK_SIGMAS * sigma;
         let speed = way.norm();
-        (speed > STILL_SPEED + TRACK_SIGMAS * sigma)
-            .then(|| (t_middle, way.x.atan2(way.y), TRACK_HEADING_SIGMA.max(sigma / speed)))
+        if !is_fast(speed) {
+            return None;
+        }
+        let course = way.x.atan2(way.y);
+        let seen = self.heard.dvl.iter().min_by_key(|(t, _)| (*t - t_middle).abs());
+        let crossing = match seen.filter(|(t, _)| (*t - t_middle).abs() <= READING_AGE_MAX) {
+            Some((_, velocity)) => {
+                let along = (self.r_body_dvl() * velocity).xy();
+                let is_same_way = (along.norm() - speed).abs() <= TURNED * speed + TRACK_SIGMAS * sigma;
+                if !is_same_way || !is_fast(along.norm()) {
+                    return None;
+                }
+                along.y.atan2(along.x)
+            }
+            None => 0.0,
+        };
+        Some((t_middle, course + crossing, TRACK_HEADING_SIGMA.max(sigma / speed)))
     }
 
     /// What the accelerometer would say at rest in the attitude of the keyframe; `back` goes from there to an instant before.

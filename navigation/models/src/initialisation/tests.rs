@@ -287,6 +287,36 @@ fn without_a_compass_a_track_gives_the_heading() {
 }
 
 #[test]
+fn a_vehicle_that_is_set_sideways_does_not_head_along_its_track() {
+    // Half as fast to the left as ahead, 1.5 m/s to the north-west over ground; or a track that the DVL did not see.
+    for expected in [Some(0.5_f64.atan()), None] {
+        let mut initialiser = Initialiser::new(&config());
+        push_imu(&mut initialiser, 5.0, |_| ImuPoint { gyro_body: Vector3::zeros(), accel_body: Vector3::z() * 9.8 });
+        let ahead = 1.5 / 1.25_f64.sqrt();
+        let velocity_dvl = match expected {
+            Some(_) => [ahead, ahead * 0.5, 0.0],
+            None => [0.4, -0.1, 0.0],
+        };
+        for tenth in 0..=50 {
+            push(&mut initialiser, f64::from(tenth) * 0.1, &Reading::Dvl { velocity_dvl });
+        }
+        for second in 0..=5 {
+            let way = 1.5 * f64::from(second) / 2.0_f64.sqrt();
+            let antenna_enu = [-way, way, 0.0];
+            push(&mut initialiser, f64::from(second), &Reading::Gnss { antenna_enu, sigma_enu: [0.02, 0.02, 0.1] });
+        }
+        let state = initialiser.first_state(Time::from_seconds(5.0), &world()).map(|(state, _)| state);
+        match (state, expected) {
+            (Some(state), Some(crossing)) => {
+                let heading = crate::sensors::McpModel::predicted_heading(&state, &world());
+                assert_relative_eq!(heading, crossing - core::f64::consts::FRAC_PI_4, epsilon = 1e-3);
+            }
+            (state, expected) => assert!(state.is_none() && expected.is_none(), "{state:?}"),
+        }
+    }
+}
+
+#[test]
 fn a_turning_vehicle_is_not_taken_for_a_biased_gyroscope() {
     let mut initialiser = Initialiser::new(&config());
     let rate = Vector3::new(0.0, 0.0, 0.01);
