@@ -251,7 +251,8 @@ impl Window {
     pub fn tie_jointly(&mut self, index: usize, factor: &Factor, rows: &MeasuredRows) -> bool {
         let is_between =
             self.nodes.get(index + 1).is_some_and(|next| self.nodes[index].t < factor.t && factor.t < next.t);
-        if !self.is_joint || !is_between || factor.shares_offset() {
+        // The columns beside the chain know nothing of what is in an interval's factor.
+        if !self.is_joint || !is_between || factor.shares_offset() || factor.mooring.is_some() {
             return false;
         }
         self.nodes[index].between.push(factor, rows);
