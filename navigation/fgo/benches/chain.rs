@@ -5,6 +5,7 @@
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nav_fgo::chain::Link;
 use nav_fgo::kernels::{Block, BlockVector};
+use nav_models::wide;
 use std::hint::black_box;
 
 const N: usize = 15;
@@ -24,6 +25,7 @@ fn links(count: usize) -> Vec<Link<N>> {
 }
 
 /// Sweep and substitution with this crate's kernels; returns the oldest step.
+#[inline(always)]
 fn ours(links: &mut [Link<N>]) -> BlockVector<N> {
     for k in 0..links.len() {
         let (before, rest) = links.split_at_mut(k);
@@ -37,6 +39,7 @@ fn ours(links: &mut [Link<N>]) -> BlockVector<N> {
 }
 
 /// The same with `nalgebra`.
+#[inline(always)]
 fn theirs(links: &[Link<N>]) -> BlockVector<N> {
     let mut swept = Vec::with_capacity(links.len());
     let (mut diagonal, mut right) = (links[0].diagonal, links[0].right);
@@ -66,10 +69,10 @@ fn solves(criterion: &mut Criterion) {
         let difference = (ours(&mut chain) - theirs(&chain)).amax();
         assert!(difference < 1e-12, "{difference}");
         group.bench_with_input(BenchmarkId::new("ours", count), &count, |bencher, _| {
-            bencher.iter(|| black_box(ours(black_box(&mut chain))));
+            bencher.iter(|| black_box(wide!(ours(black_box(&mut chain)))));
         });
         group.bench_with_input(BenchmarkId::new("nalgebra", count), &count, |bencher, _| {
-            bencher.iter(|| black_box(theirs(black_box(&chain))));
+            bencher.iter(|| black_box(wide!(theirs(black_box(&chain)))));
         });
     }
     group.finish();

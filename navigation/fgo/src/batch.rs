@@ -92,7 +92,7 @@ impl Window {
         let mut next: Option<Block<DIM>> = None;
         let mut by_position = StatesByPosition::default();
         for (node, covariance) in self.nodes().iter().zip(&mut covariances).rev() {
-            *covariance = wide(|| match &next {
+            *covariance = wide!(match &next {
                 Some(next) => node.link.covariance_before(next),
                 None => node.link.covariance(),
             });
@@ -110,13 +110,13 @@ impl Window {
             return None;
         }
         let newest = self.nodes().back()?;
-        let (mut covariance, mut delta) = wide(|| (newest.link.covariance(), newest.link.substitute(None)));
+        let (mut covariance, mut delta) = wide!((newest.link.covariance(), newest.link.substitute(None)));
         let mut by_position = StatesByPosition::default();
         let mut covered = covariance;
         self.cover_moorings(newest, &mut by_position, &mut covered);
         for node in self.nodes().iter().rev().skip(1) {
-            covariance = wide(|| node.link.covariance_before(&covariance));
-            delta = wide(|| node.link.substitute(Some(&delta)));
+            covariance = wide!(node.link.covariance_before(&covariance));
+            delta = wide!(node.link.substitute(Some(&delta)));
             covered = covariance;
             self.cover_moorings(node, &mut by_position, &mut covered);
         }
@@ -129,8 +129,8 @@ impl Window {
     /// carried to every state; the prior is left out.
     pub(crate) fn whole_cost(&self) -> f64 {
         let cost = |index: usize, node: &Node| {
-            let inertial = self.nodes().get(index + 1).map_or(0.0, |next| wide(|| node.interval_cost(next)));
-            wide(|| node.rows.cost(&node.delta)) + inertial
+            let inertial = self.nodes().get(index + 1).map_or(0.0, |next| wide!(node.interval_cost(next)));
+            wide!(node.rows.cost(&node.delta)) + inertial
         };
         self.nodes().iter().enumerate().map(|(index, node)| cost(index, node)).sum()
     }

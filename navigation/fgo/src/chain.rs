@@ -11,8 +11,9 @@
 use nalgebra::SMatrix;
 
 use crate::kernels::{
-    Block, BlockVector, NotPositiveDefinite, add_gram_transposed, add_product_transposed, add_times_transposed,
-    cholesky, inverse_from_cholesky, solve_lower, solve_lower_transposed, solve_upper, subtract_times,
+    Block, BlockVector, NotPositiveDefinite, add_gram_lower, add_gram_transposed, add_product_transposed,
+    add_times_transposed, cholesky, inverse_from_cholesky, solve_lower, solve_lower_transposed, solve_upper,
+    subtract_times,
 };
 
 /// One keyframe's part of the normal equations and of their factorisation.
@@ -69,7 +70,7 @@ impl<const N: usize> Link<N> {
             }
         }
         if let Some(previous) = previous {
-            add_gram_transposed(&mut swept, &previous.y_transposed, -1.0);
+            add_gram_lower(&mut swept, &previous.y_transposed, -1.0);
             add_times_transposed(&mut right, &previous.y_transposed, &previous.y, -1.0);
         }
         self.factor = cholesky(&swept)?;
@@ -264,16 +265,16 @@ mod tests {
             let (before, rest) = narrow.split_at_mut(k);
             rest[0].sweep(before.last(), 0.0).expect("positive definite");
             let (before, rest) = wider.split_at_mut(k);
-            wide(|| rest[0].sweep(before.last(), 0.0)).expect("positive definite");
+            wide!(rest[0].sweep(before.last(), 0.0)).expect("positive definite");
             assert_eq!(bits(&rest[0].factor), bits(&narrow[k].factor), "link {k}");
             assert_eq!(bits(&rest[0].y_transposed), bits(&narrow[k].y_transposed), "link {k}");
         }
         let next = narrow[LINKS - 1].substitute(None);
         let (step, wide_step) =
-            (narrow[LINKS - 2].substitute(Some(&next)), wide(|| wider[LINKS - 2].substitute(Some(&next))));
+            (narrow[LINKS - 2].substitute(Some(&next)), wide!(wider[LINKS - 2].substitute(Some(&next))));
         assert_eq!(bits(&step), bits(&wide_step));
         let last = &narrow[LINKS - 1];
-        assert_eq!(bits(&last.covariance()), bits(&wide(|| last.covariance())));
+        assert_eq!(bits(&last.covariance()), bits(&wide!(last.covariance())));
     }
 
     fn bits<const R: usize, const C: usize>(matrix: &SMatrix<f64, R, C>) -> Vec<u64> {

@@ -39,6 +39,13 @@ pub fn fadings(dt: Duration) -> [f64; TERMS] {
     core::array::from_fn(|term| fading(dt, term))
 }
 
+/// That of each column.
+#[inline(always)]
+fn faded_columns(dt: Duration) -> [f64; WIDTH] {
+    let faded = fadings(dt);
+    core::array::from_fn(|column| faded[column / ERRORS])
+}
+
 pub fn column_of(error: usize, term: usize) -> usize {
     term * ERRORS + error
 }
@@ -46,22 +53,34 @@ pub fn column_of(error: usize, term: usize) -> usize {
 /// The columns at one keyframe, everything before it eliminated.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// z transposed, one row a column of the arrow; f in a prior.
+    /// z transposed, one row a column of the arrow.
     z_transposed: SMatrix<f64, WIDTH, DIM>,
-    /// S, each column with each: one error that is taken out changes what the others look like.
-    information: SMatrix<f64, WIDTH, WIDTH>,
+    /// S of each alone.
+    information: SVector<f64, WIDTH>,
     right: SVector<f64, WIDTH>,
 }
 
 impl Default for Columns {
     fn default() -> Self {
-        Columns { z_transposed: SMatrix::zeros(), information: SMatrix::zeros(), right: SVector::zeros() }
+        Columns { z_transposed: SMatrix::zeros(), information: SVector::zeros(), right: SVector::zeros() }
     }
 }
 
-/// What marginalised keyframes say of the errors, at the oldest: f in place of z.
-#[derive(Clone, Debug, Default)]
-pub struct ColumnPrior(Columns);
+/// What marginalised keyframes say of the errors, at the oldest.
+#[derive(Clone, Debug)]
+pub struct ColumnPrior {
+    /// f transposed.
+    f_transposed: SMatrix<f64, WIDTH, DIM>,
+    /// S, each column with each: one error that is taken out changes what the others look like.
+    information: SMatrix<f64, WIDTH, WIDTH>,
+    right: SVector<f64, WIDTH>,
+}
+
+impl Default for ColumnPrior {
+    fn default() -> Self {
+        ColumnPrior { f_transposed: SMatrix::zeros(), information: SMatrix::zeros(), right: SVector::zeros() }
+    }
+}
 
 impl Columns {
     /// Sweeps the columns of a swept `link`, whose own parts are `own`, after the prior or after those of the link before
@@ -69,59 +88,77 @@ impl Columns {
     #[inline(always)]
     pub fn sweep(&mut self, link: &Link<DIM>, own: &Slopes, before: Before<'_>) {
         match before {
-            Before::Prior(prior) => *self = prior.0.clone(),
-            Before::Link(columns, link_before, dt) => *self = columns.carried(link_before, dt),
+            Before::Prior(prior) => {
+                self.z_transposed = prior.f_transposed;
+                self.information = prior.information.diagonal();
+                self.right = prior.right;
+            }
+            Before::Link(columns, link_before, dt) => {
+                let faded = faded_columns(dt);
+                self.z_transposed = columns.carried(&faded, link_before);
+                for column in 0..WIDTH {
+                    self.information[column] = faded[column] * faded[column] * columns.information[column];
+                    self.right[column] = faded[column] * columns.right[column];
+                }
+            }
         }
         for column in 0..WIDTH {
             let error = column % ERRORS;
             for coordinate in 0..DIM {
                 self.z_transposed[(column, coordinate)] += own.coupling[error][coordinate];
             }
-            for other in 0..WIDTH {
-                self.information[(other, column)] += own.information[(other % ERRORS, error)];
-            }
+            self.information[column] += own.information[(error, error)];
             self.right[column] += own.right[error];
         }
         link.solve_columns(&mut self.z_transposed);
         add_times_transposed(&mut self.right, &self.z_transposed, link.swept_right(), -1.0);
+        for z in &self.z_transposed.data.0 {
+            for column in 0..WIDTH {
+                self.information[column] -= z[column] * z[column];
+            }
+        }
+    }
+
+    /// f on the next keyframe: −ρ Yᵀz.
+    #[inline(always)]
+    fn carried(&self, faded: &[f64; WIDTH], link: &Link<DIM>) -> SMatrix<f64, WIDTH, DIM> {
+        let mut z_transposed = self.z_transposed;
+        for z in &mut z_transposed.data.0 {
+            for column in 0..WIDTH {
+                z[column] *= faded[column];
+            }
+        }
+        let mut f_transposed = SMatrix::zeros();
+        add_product_transposed(&mut f_transposed, &z_transposed, link.y_transposed(), -1.0);
+        f_transposed
+    }
+
+    /// What this link, the oldest, leaves on the next when it is marginalised, `dt` later; `before` stood before it, and `own`
+    /// are its own parts, as in its last sweep.
+    #[inline(always)]
+    pub fn marginal(&self, link: &Link<DIM>, dt: Duration, own: &Slopes, before: &ColumnPrior) -> ColumnPrior {
+        let faded = faded_columns(dt);
+        let mut information = before.information;
         for column in 0..WIDTH {
-            let mut sums = self.information.data.0[column];
+            let mut sums = information.data.0[column];
+            for other in 0..WIDTH {
+                sums[other] += own.information[(other % ERRORS, column % ERRORS)];
+            }
             for z in &self.z_transposed.data.0 {
                 for other in 0..WIDTH {
                     sums[other] -= z[other] * z[column];
                 }
             }
-            self.information.data.0[column] = sums;
-        }
-    }
-
-    /// What they are on the next keyframe, `dt` later: −ρ Yᵀz in place of z.
-    #[inline(always)]
-    fn carried(&self, link: &Link<DIM>, dt: Duration) -> Columns {
-        let faded = fadings(dt);
-        let mut carried = self.clone();
-        let mut z_transposed = self.z_transposed;
-        let faded: SVector<f64, WIDTH> = SVector::from_fn(|column, _| faded[column / ERRORS]);
-        for coordinate in 0..DIM {
-            for column in 0..WIDTH {
-                z_transposed[(column, coordinate)] *= faded[column];
-            }
-        }
-        for column in 0..WIDTH {
             for other in 0..WIDTH {
-                carried.information[(other, column)] *= faded[other] * faded[column];
+                sums[other] *= faded[other] * faded[column];
             }
-            carried.right[column] *= faded[column];
+            information.data.0[column] = sums;
         }
-        carried.z_transposed = SMatrix::zeros();
-        add_product_transposed(&mut carried.z_transposed, &z_transposed, link.y_transposed(), -1.0);
-        carried
-    }
-
-    /// What this link, the oldest, leaves on the next when it is marginalised, `dt` later.
-    #[inline(always)]
-    pub fn marginal(&self, link: &Link<DIM>, dt: Duration) -> ColumnPrior {
-        ColumnPrior(self.carried(link, dt))
+        ColumnPrior {
+            f_transposed: self.carried(&faded, link),
+            information,
+            right: SVector::from_fn(|column, _| faded[column] * self.right[column]),
+        }
     }
 
     /// −zᵀz of each with columns that do not fade, given transposed: what eliminating the state leaves between them.
@@ -136,7 +173,7 @@ impl Columns {
     pub fn of(&self, error: usize) -> [Score; TERMS] {
         core::array::from_fn(|term| {
             let column = column_of(error, term);
-            Score { information: self.information[(column, column)], right: self.right[column] }
+            Score { information: self.information[column], right: self.right[column] }
         })
     }
 
@@ -169,18 +206,16 @@ pub struct Score {
 impl ColumnPrior {
     /// Expresses it at another linearisation point of its keyframe, `step` away, with M of the prior itself.
     pub fn carry(&mut self, step: &BlockVector<DIM>, m: &Block<DIM>) {
-        let columns = &mut self.0;
-        add_times_transposed(&mut columns.right, &columns.z_transposed, step, -1.0);
-        columns.z_transposed *= m;
+        add_times_transposed(&mut self.right, &self.f_transposed, step, -1.0);
+        self.f_transposed *= m;
     }
 
     /// Takes an error of `by`, as one memory has it, out of the prior's readings; `right` is the right side of the states'
     /// prior.
     pub fn shift(&mut self, error: usize, term: usize, by: f64, right: &mut BlockVector<DIM>) {
-        let columns = &mut self.0;
         let column = column_of(error, term);
-        *right -= columns.z_transposed.row(column).transpose() * by;
-        columns.right -= columns.information.column(column) * by;
+        *right -= self.f_transposed.row(column).transpose() * by;
+        self.right -= self.information.column(column) * by;
     }
 }
 
@@ -295,6 +330,14 @@ mod tests {
             )
         }
 
+        /// What is left of the links up to `last` on the next; on one of the same time behind the last of all.
+        fn marginalised(&self, last: usize) -> ColumnPrior {
+            (0..=last).fold(ColumnPrior::default(), |before, k| {
+                let dt = self.times.get(k + 1).map_or(0.0, |next| next - self.times[k]);
+                self.columns[k].marginal(&self.links[k], Duration::from_seconds(dt), &self.own[k], &before)
+            })
+        }
+
         #[track_caller]
         fn assert_equals_dense(&self) {
             for (error, term) in [(SENSOR, 0), (SENSOR, 1), (OTHER, 0), (OTHER, 1)] {
@@ -307,7 +350,7 @@ mod tests {
                 for other in [(SENSOR, 0), (SENSOR, 1), (OTHER, 0), (OTHER, 1)] {
                     let crossed = self.dense_crossed((error, term), other);
                     let place = (column_of(error, term), column_of(other.0, other.1));
-                    let ours = self.columns[LINKS - 1].information[place];
+                    let ours = self.marginalised(LINKS - 1).information[place];
                     assert!((ours - crossed).abs() < 1e-10, "{place:?}: {ours} {crossed}");
                 }
             }
@@ -327,7 +370,7 @@ mod tests {
         chain.sweep(0, &ColumnPrior::default());
         let before = chain.columns[LINKS - 1].of(SENSOR);
         let marginal = chain.links[1].marginal();
-        let prior = chain.columns[1].marginal(&chain.links[1], Duration::from_seconds(chain.times[2] - chain.times[1]));
+        let prior = chain.marginalised(1);
         chain.links[2].diagonal += marginal.information;
         chain.links[2].right += marginal.right;
         chain.sweep(2, &prior);
@@ -342,16 +385,16 @@ mod tests {
         let mut chain = chain();
         chain.sweep(0, &ColumnPrior::default());
         let term = 1;
-        let mut prior = chain.columns[LINKS - 1].marginal(&chain.links[LINKS - 1], Duration::from_seconds(0.0));
+        let mut prior = chain.marginalised(LINKS - 1);
         // As the prior of a last keyframe that has nothing of its own: τ̂ is s/S of its f and x.
-        let columns = prior.0.clone();
+        let before = prior.clone();
         let (column, other) = (column_of(SENSOR, term), column_of(SENSOR, 0));
-        let found = columns.right[column] / columns.information[(column, column)];
+        let found = before.right[column] / before.information[(column, column)];
         let mut right = BlockVector::zeros();
         prior.shift(SENSOR, term, found, &mut right);
-        assert!(prior.0.right[column].abs() < 1e-12);
-        assert!((right + columns.z_transposed.row(column).transpose() * found).amax() < 1e-15);
-        let expected = columns.right[other] - columns.information[(column, other)] * found;
-        assert!((prior.0.right[other] - expected).abs() < 1e-15);
+        assert!(prior.right[column].abs() < 1e-12);
+        assert!((right + before.f_transposed.row(column).transpose() * found).amax() < 1e-15);
+        let expected = before.right[other] - before.information[(column, other)] * found;
+        assert!((prior.right[other] - expected).abs() < 1e-15);
     }
 }

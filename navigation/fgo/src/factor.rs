@@ -88,11 +88,9 @@ impl Factor {
         }
     }
 
-    /// The same as one range of an epoch.
-    #[must_use]
-    pub fn of_epoch(mut self, epoch: u32, buoy: u32, offset_sigma: f64) -> Factor {
+    /// Makes it one range of an epoch.
+    pub fn join_epoch(&mut self, epoch: u32, buoy: u32, offset_sigma: f64) {
         (self.epoch, self.buoy, self.offset_sigma) = (epoch, buoy, offset_sigma);
-        self
     }
 
     /// Whose measurement.
@@ -270,7 +268,8 @@ mod tests {
         for (index, sigma) in [0.3, 0.3, 0.4, 0.5].into_iter().enumerate() {
             let lbl = Lbl { sigma, lever_arm_body: [0.4, -0.15, 0.25], reference_buoy: 1, buoy_sigma: 0.0 };
             let model = Model::Lbl(LblModel::new(ranges[index], buoys[index], 0.0, &lbl));
-            let mut factor = Factor::new(Time(0), model, None, Kernel::None).of_epoch(1, index as u32, offset_sigma);
+            let mut factor = Factor::new(Time(0), model, None, Kernel::None);
+            factor.join_epoch(1, index as u32, offset_sigma);
             factor.whiten(&state, None, None, &world).expect("regular");
             factors.push(factor);
         }

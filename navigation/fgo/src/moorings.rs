@@ -365,7 +365,9 @@ mod tests {
         let swept = sweep(&mut links, 0, (&ColumnPrior::default(), &MooringColumns::default()));
         let mut prior = MooringColumns::default();
         prior.take_marginal(&swept.moorings[1], &links[1], SECOND);
-        let of_errors = swept.columns[1].marginal(&links[1], SECOND);
+        let of_errors = (0..=1).fold(ColumnPrior::default(), |before, k| {
+            swept.columns[k].marginal(&links[k], SECOND, &slopes(k), &before)
+        });
         let marginal = links[1].marginal();
         links[2].diagonal += marginal.information;
         links[2].right += marginal.right;

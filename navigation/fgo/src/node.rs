@@ -70,7 +70,8 @@ pub struct Node {
     carried: BlockVector<DIM>,
     /// The step at which its weights were last taken; `None` where measurements have come since.
     weighted_at: Option<BlockVector<DIM>>,
-    /// The step at which the cost of its measurements was last summed; `None` where what is summed has changed since.
+    /// The step at which the cost of its measurements was last summed, as zero while there were none; `None` where what is summed has
+    /// changed since.
     counted_at: Option<BlockVector<DIM>>,
 }
 
@@ -144,7 +145,7 @@ impl Interval {
         let Some(Closed { factor, weight, .. }) = self.closed.as_ref() else { return };
         let (mut at_linearised, mut jacobians) = factor.residual_and_jacobians(near, far, world);
         let mut whitener = &weight.whitener;
-        let known = wide(|| between.eliminate(near, &factor.preintegration, world));
+        let known = wide!(between.eliminate(near, &factor.preintegration, world));
         if let Some(known) = &known {
             at_linearised -= known.error.fixed_columns::<1>(0);
             jacobians.from -= known.error.fixed_columns::<DIM>(1);
@@ -152,7 +153,7 @@ impl Interval {
             whitener = known.whitener.as_ref().unwrap_or(whitener);
         }
         let Interval { near, far, coupling_transposed, cost, closed: _ } = self;
-        wide(|| {
+        wide!({
             // Whitened and transposed: (W J)ᵀ = Jᵀ Wᵀ, one column per row of W J.
             let mut near_transposed = Block::zeros();
             let mut far_transposed = Block::zeros();
@@ -196,7 +197,7 @@ impl Node {
             moorings: MooringColumns::default(),
             carried: BlockVector::zeros(),
             weighted_at: None,
-            counted_at: None,
+            counted_at: Some(BlockVector::zeros()),
         }
     }
 
@@ -217,11 +218,17 @@ impl Node {
         self.interval.cost = 0.0;
         self.moorings.clear();
         self.carried = BlockVector::zeros();
-        self.has_changed();
+        self.weighted_at = None;
+        self.counted_at = Some(BlockVector::zeros());
     }
 
-    /// To be said where measurements were added or linearised anew.
-    pub fn has_changed(&mut self) {
+    /// To be said where measurements were added.
+    pub fn has_grown(&mut self) {
+        self.weighted_at = None;
+    }
+
+    /// To be said where measurements were linearised anew.
+    fn has_changed(&mut self) {
         self.weighted_at = None;
         self.counted_at = None;
     }
@@ -234,7 +241,7 @@ impl Node {
     /// The cost at the present step: half the robust sum of squares.
     pub fn count(&mut self) -> f64 {
         self.counted_at = Some(self.delta);
-        wide(|| self.rows.cost(&self.delta)) + self.between.cost(&self.delta)
+        wide!(self.rows.cost(&self.delta)) + self.between.cost(&self.delta)
     }
 
     /// Evaluates every sensor anew at the linearisation point, weights at the present estimate.
@@ -254,7 +261,7 @@ impl Node {
     pub fn assemble_sensors(&mut self) {
         self.sensors = (Block::zeros(), BlockVector::zeros());
         let Node { rows, sensors: (information, right), .. } = self;
-        wide(|| rows.assemble(information, right));
+        wide!(rows.assemble(information, right));
     }
 
     /// Takes robust weights from the residuals at the present estimate where they differ by more than `tolerance`. Returns
@@ -270,7 +277,7 @@ impl Node {
         }
         self.weighted_at = Some(self.delta);
         let Node { rows, between, delta, .. } = self;
-        wide(|| rows.refresh_weights(delta, tolerance)) | between.refresh_weights(delta, tolerance)
+        wide!(rows.refresh_weights(delta, tolerance)) | between.refresh_weights(delta, tolerance)
     }
 
     /// Integrates anew up to the measurements that are one factor with the interval, where some have come or the

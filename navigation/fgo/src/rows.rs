@@ -14,7 +14,7 @@ use nav_models::state::POSITION;
 use shared_types::Kernel;
 
 use crate::columns::{TERMS, column_of};
-use crate::kernels::{Block, BlockVector};
+use crate::kernels::{BAND, Block, BlockVector, mirror_lower};
 use crate::moorings::MooringColumns;
 use crate::robust::{Losses, credited_weight};
 use crate::systematic::{ERRORS, errors_of};
@@ -242,11 +242,22 @@ impl Rows {
         if total > 0.0 { mean / total } else { 0.0 }
     }
 
+    /// How many groups there are.
+    pub fn groups(&self) -> usize {
+        self.spans.len()
+    }
+
     /// Half the robust sum of squares after a step δ.
     #[inline(always)]
     pub fn cost(&self, delta: &BlockVector<DIM>) -> f64 {
+        self.cost_from(0, delta)
+    }
+
+    /// That of the groups from this one on.
+    #[inline(always)]
+    pub fn cost_from(&self, group: usize, delta: &BlockVector<DIM>) -> f64 {
         let mut losses = Losses::default();
-        for span in &self.spans {
+        for span in &self.spans[group..] {
             let rows = &self.rows[span.first..span.end];
             match span.group {
                 Group::Single { kernel } => {
@@ -291,15 +302,26 @@ fn subtract_offset_of_slopes(rows: &[Row], sigma: f64, errors: &[(usize, usize)]
     }
 }
 
-/// target += Σ w j jᵀ, column by column: a column stays in registers while all rows pass.
+/// target += Σ w j jᵀ of a symmetric target.
 #[inline(always)]
 fn add_gram(target: &mut Block<DIM>, rows: &[Row]) {
-    for j in 0..DIM {
+    const { assert!(DIM <= 4 * BAND, "bands are written out") }
+    add_gram_band::<0>(target, rows);
+    add_gram_band::<{ BAND }>(target, rows);
+    add_gram_band::<{ 2 * BAND }>(target, rows);
+    add_gram_band::<{ 3 * BAND }>(target, rows);
+    mirror_lower(target);
+}
+
+/// The lower triangle of some columns: each stays in registers while all rows pass.
+#[inline(always)]
+fn add_gram_band<const FROM: usize>(target: &mut Block<DIM>, rows: &[Row]) {
+    for j in FROM..DIM.min(FROM + BAND) {
         let mut column = target.data.0[j];
         for row in rows {
             let v = &row.jacobian.data.0[0];
             let factor = row.weight * v[j];
-            for i in 0..DIM {
+            for i in FROM..DIM {
                 column[i] += v[i] * factor;
             }
         }

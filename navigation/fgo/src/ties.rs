@@ -8,6 +8,7 @@ use nav_models::recovery::Checked;
 use nav_models::rounds::Rounds;
 use nav_models::row::Row;
 use nav_models::sensors::GyroAt;
+use nav_models::wide;
 use shared_types::{
     AIDING, Config, FactorReport, Kernel, KeyframeReport, Measurement, Reading, RejectReason, SENSORS, Sensor,
     SensorCounts, Time,
@@ -201,12 +202,9 @@ impl Ties {
                 self.refuse(sensor, RejectReason::TooMany);
                 continue;
             }
-            match self.candidate(measurement, reading, index, window, closing) {
-                Ok(candidate) => self.epoch.push(candidate),
-                Err(reason) => {
-                    self.refuse(sensor, reason);
-                    report.list_refused(measurement.t_valid(), measurement.kind, reason);
-                }
+            if let Err(reason) = self.evaluate(measurement, reading, index, window, closing) {
+                self.refuse(sensor, reason);
+                report.list_refused(measurement.t_valid(), measurement.kind, reason);
             }
         }
         self.judge(sensor, report);
@@ -230,15 +228,15 @@ impl Ties {
         }
     }
 
-    /// Evaluates one reading at its keyframe.
-    fn candidate(
+    /// Evaluates one reading at its keyframe, in its place in the epoch: a candidate is a kilobyte and a half.
+    fn evaluate(
         &mut self,
         measurement: &Measurement,
         reading: &Reading,
         index: usize,
         window: &Window,
         closing: &Closing<'_>,
-    ) -> Result<Evaluated, RejectReason> {
+    ) -> Result<(), RejectReason> {
         let world = window.world();
         let vehicle = &self.config.vehicle;
         let place = place(measurement).ok_or(RejectReason::Malformed)?;
@@ -246,7 +244,6 @@ impl Ties {
         let node = &window.nodes()[index];
         let side = &mut self.side;
         let piece = piece_to(t, index, window, closing, side)?;
-        let increment = piece.as_ref().map(|piece| *piece.increment());
         let gyro = || {
             let gyro_body = closing.history.at(t)?.gyro_body;
             Some(GyroAt { gyro_body, dt_imu: closing.history.sampling_period_at(t).as_seconds() })
@@ -255,25 +252,35 @@ impl Ties {
         for &(_, error) in &errors_of(place)[1..] {
             model.correct(self.systematics.of(error));
         }
-        let mut factor = Factor::new(t, model, increment, Kernel::None);
-        let sensor = factor.sensor();
-        if let Some(config) = self.config.navigator.sensor(sensor) {
-            factor.kernel = self.judges.kernel(sensor, config);
-        }
+        let sensor = model.sensor();
+        let kernel =
+            self.config.navigator.sensor(sensor).map_or(Kernel::None, |config| self.judges.kernel(sensor, config));
+        let at = self.epoch.len();
+        self.epoch.push(Evaluated {
+            factor: Factor::new(t, model, None, kernel),
+            rows: MeasuredRows::default(),
+            innovation: Innovation::default(),
+        });
+        let Evaluated { factor, rows, innovation } = &mut self.epoch[at];
+        factor.increment = piece.as_ref().map(|piece| *piece.increment());
         if let Reading::Lbl { buoy, epoch, is_moored, .. } = *reading {
-            factor = factor.of_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
+            factor.join_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
             factor.mooring = if is_moored { self.moorings.place(buoy) } else { None };
         }
         let point = if self.systematics.is_estimated(place) { closing.history.at(t) } else { None };
         let doubts = Doubts { point, sigmas: self.systematics.sigmas(place) };
-        let rows = factor
-            .whiten(&node.linearised, piece.as_ref(), Some(&doubts), world)
-            .map_err(|_| RejectReason::NotFinite)?;
+        match factor.whiten(&node.linearised, piece.as_ref(), Some(&doubts), world) {
+            Ok(whitened) => *rows = whitened,
+            Err(_) => {
+                self.epoch.truncate(at);
+                return Err(RejectReason::NotFinite);
+            }
+        }
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
         let covariance =
             if index + 2 == window.nodes().len() { closing.covariance_before } else { closing.covariance_newest };
-        let innovation = Innovation::of(rows.as_slice(), &node.delta, covariance);
-        Ok(Evaluated { factor, rows, innovation })
+        *innovation = wide!(Innovation::of(rows.as_slice(), &node.delta, covariance));
+        Ok(())
     }
 
     /// Gates the group, sets first weights, counts and lists. What was refused leaves the group.

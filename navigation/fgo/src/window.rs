@@ -189,10 +189,13 @@ impl Window {
         self.costs.pop_front();
         if let Some(next) = self.nodes.front() {
             let dt = next.t - oldest.t;
-            self.column_prior = wide(|| oldest.columns.marginal(&oldest.link, dt));
-            wide(|| self.mooring_prior.take_marginal(&oldest.moorings, &oldest.link, dt));
+            self.column_prior = wide!({
+                let own = oldest.rows.assemble_slopes();
+                oldest.columns.marginal(&oldest.link, dt, &own, &self.column_prior)
+            });
+            wide!(self.mooring_prior.take_marginal(&oldest.moorings, &oldest.link, dt));
         }
-        let Marginal { information, right } = wide(|| oldest.link.marginal());
+        let Marginal { information, right } = wide!(oldest.link.marginal());
         self.prior =
             Marginal { information: oldest.interval.far.0 + information, right: oldest.interval.far.1 + right };
         self.prior_is_marginal = true;
@@ -226,9 +229,12 @@ impl Window {
     pub fn tie(&mut self, index: usize, factors: &[Factor], rows: &[Row]) {
         let Some(first) = factors.first() else { return };
         let node = &mut self.nodes[index];
+        let before = node.rows.groups();
         node.rows.push(first.place(), first.group(), rows);
         node.factors.extend_from_slice(factors);
-        node.has_changed();
+        node.has_grown();
+        // What was summed of the others still stands.
+        self.costs[index] += wide!(node.rows.cost_from(before, &node.delta));
         self.dirty = self.dirty.min(index);
         self.uncounted = self.uncounted.min(index);
     }
@@ -320,7 +326,7 @@ impl Window {
         let nodes = self.nodes.make_contiguous();
         for index in self.dirty..nodes.len() {
             let (before, rest) = nodes.split_at_mut(index);
-            wide(|| rest[0].link.sweep(before.last().map(|node| &node.link), damping))?;
+            wide!(rest[0].link.sweep(before.last().map(|node| &node.link), damping))?;
             report.swept += 1;
         }
         Ok(())
@@ -350,7 +356,7 @@ impl Window {
         let mut next: Option<BlockVector<DIM>> = None;
         for index in (0..self.nodes.len()).rev() {
             let node = &mut self.nodes[index];
-            let delta = wide(|| node.link.substitute(next.as_ref()));
+            let delta = wide!(node.link.substitute(next.as_ref()));
             node.take_step(delta);
             if index <= first_changed && !node.is_felt() {
                 return index;
@@ -536,7 +542,7 @@ impl Window {
     pub fn substitute_all(&mut self, mut show: impl FnMut(&BlockVector<DIM>)) {
         let mut next: Option<BlockVector<DIM>> = None;
         for node in self.nodes.iter_mut().rev() {
-            let delta = wide(|| node.link.substitute(next.as_ref()));
+            let delta = wide!(node.link.substitute(next.as_ref()));
             let change = delta - node.delta;
             node.take_step(delta);
             node.mark_carried();
@@ -551,7 +557,7 @@ impl Window {
             self.sweep_columns();
         }
         let newest = self.nodes.back()?;
-        let mut covariance = wide(|| newest.link.covariance());
+        let mut covariance = wide!(newest.link.covariance());
         self.cover_moorings(newest, &mut StatesByPosition::default(), &mut covariance);
         covariance.iter().all(|x| x.is_finite()).then_some(covariance)
     }

@@ -166,12 +166,12 @@ impl Federated {
                     let turn = so3::right_jacobian_inverse(&off.fixed_rows::<3>(ATTITUDE).into_owned());
                     in_new_chart(&local.covariance, &turn)
                 };
-                let own = wide(|| inverse(&own))?;
+                let own = wide!(inverse(&own))?;
                 add_times_transposed(&mut right, &own, &off, 1.0);
                 information += own;
             }
         }
-        let covariance = wide(|| inverse(&information))?;
+        let covariance = wide!(inverse(&information))?;
         let mut delta = BlockVector::<ERROR_DIM>::zeros();
         add_times_transposed(&mut delta, &covariance, &right, 1.0);
         Ok((delta, covariance))

@@ -113,7 +113,7 @@ impl Filter {
                 done.cost[0] = cost(rows, &prior);
             }
             let before = delta;
-            (delta, covariance) = wide(|| fold(&prior, &self.covariance, rows));
+            (delta, covariance) = wide!(fold(&prior, &self.covariance, rows));
             done.passes += 1;
             if is_small(&(delta - before)) {
                 done.converged = true;

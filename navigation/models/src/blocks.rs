@@ -5,10 +5,25 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-/// Runs loops with the widest instructions of the processor that it meets, chosen at run time. Sums keep their order and
-/// nothing is fused, so the result is the same to the bit whatever is chosen.
+/// Evaluates an expression with the widest instructions of the processor that it meets, chosen at run time. Sums keep their
+/// order and nothing is fused, so the result is the same to the bit whatever is chosen.
+///
+/// Only what is inlined is compiled for those instructions: functions that are called in it have to be `#[inline(always)]`.
+/// It is a macro so that the closure, which the compiler likes to leave outside, is.
+#[macro_export]
+macro_rules! wide {
+    ($op:expr) => {
+        $crate::dispatch(
+            #[inline(always)]
+            || $op,
+        )
+    };
+}
+
+/// What [`wide!`] is made of.
+#[doc(hidden)]
 #[inline(always)]
-pub fn wide<R>(op: impl FnOnce() -> R) -> R {
+pub fn dispatch<R>(op: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(op)
 }
 

@@ -18,7 +18,7 @@ const RANGE_TOO_SHORT: f64 = 5.0;
 const REFUSALS_IN_A_ROW: u32 = 5;
 
 /// A measurement against its prediction.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Innovation {
     /// Predicted minus measured in sigmas of S, row by row.
     pub whitened: [f64; 3],
@@ -37,6 +37,7 @@ pub(crate) fn is_range_probable(whitened: f64) -> bool {
 
 impl Innovation {
     /// Of rows at a step δ from their linearisation point, with the covariance of that state.
+    #[inline(always)]
     pub fn of(rows: &[Row], delta: &BlockVector<DIM>, covariance: &Block<DIM>) -> Innovation {
         let count = rows.len();
         if let [row] = rows {
@@ -72,6 +73,7 @@ impl Innovation {
         Innovation { whitened: whitened.into(), nis, state_share, slopes: slopes.into() }
     }
 
+    #[inline(always)]
     fn of_one(row: &Row, delta: &BlockVector<DIM>, covariance: &Block<DIM>) -> Innovation {
         let mut projected = BlockVector::zeros();
         add_times_transposed(&mut projected, covariance, &row.jacobian, 1.0);

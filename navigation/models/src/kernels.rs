@@ -21,91 +21,156 @@ pub struct NotPositiveDefinite {
     pub row: usize,
 }
 
+/// Columns that are worked on from the same row down: triangles are cut into steps of so many, which a vector holds.
+pub const BAND: usize = 4;
+
 /// Lower Cholesky factor of a symmetric block, of which only the lower triangle is read. The strict upper triangle of
 /// the result is zero.
+///
+/// As L D Lᵀ first, columns scaled by √D at the end and all at once: roots need not be waited for one after another.
 ///
 /// # Errors
 /// [`NotPositiveDefinite`] at the first pivot that is not safely positive; NaN counts as not positive.
 #[inline(always)]
 pub fn cholesky<const N: usize>(block: &Block<N>) -> Result<Block<N>, NotPositiveDefinite> {
-    let mut l = block.data.0;
+    const { assert!(N <= 4 * BAND, "bands are written out") }
+    let mut columns = [[0.0; N]; N];
+    let mut inverse_pivots = [0.0; N];
+    eliminate_band::<N, 0>(block, &mut columns, &mut inverse_pivots)?;
+    eliminate_band::<N, { BAND }>(block, &mut columns, &mut inverse_pivots)?;
+    eliminate_band::<N, { 2 * BAND }>(block, &mut columns, &mut inverse_pivots)?;
+    eliminate_band::<N, { 3 * BAND }>(block, &mut columns, &mut inverse_pivots)?;
+    let scales = inverse_pivots.map(f64::sqrt);
     for j in 0..N {
-        let pivot = l[j][j];
+        for i in 0..N {
+            columns[j][i] = if i < j { 0.0 } else { columns[j][i] * scales[j] };
+        }
+    }
+    Ok(Block::from_array_storage(nalgebra::ArrayStorage(columns)))
+}
+
+/// The columns of L D from `FROM` on, as many as a band has, down from row `FROM`.
+#[inline(always)]
+fn eliminate_band<const N: usize, const FROM: usize>(
+    block: &Block<N>,
+    columns: &mut [[f64; N]; N],
+    inverse_pivots: &mut [f64; N],
+) -> Result<(), NotPositiveDefinite> {
+    for j in FROM..N.min(FROM + BAND) {
+        let mut column = block.data.0[j];
+        for k in 0..j {
+            let factor = columns[k][j] * inverse_pivots[k];
+            for i in FROM..N {
+                column[i] -= columns[k][i] * factor;
+            }
+        }
+        let pivot = column[j];
         // The negated comparison also catches NaN.
         if !(pivot > PIVOT_FLOOR * block[(j, j)].abs() && pivot > 0.0 && pivot.is_finite()) {
             return Err(NotPositiveDefinite { row: j });
         }
-        let root = pivot.sqrt();
-        let scale = 1.0 / root;
-        let mut column = l[j];
-        for i in 0..N {
-            column[i] *= scale;
-        }
-        column[j] = root;
-        for i in 0..j {
-            column[i] = 0.0;
-        }
-        for k in j + 1..N {
-            let factor = column[k];
-            for i in 0..N {
-                l[k][i] -= column[i] * factor;
-            }
-        }
-        l[j] = column;
+        inverse_pivots[j] = 1.0 / pivot;
+        columns[j] = column;
     }
-    Ok(Block::from_array_storage(nalgebra::ArrayStorage(l)))
+    Ok(())
+}
+
+/// 1/L_jj.
+#[inline(always)]
+fn inverse_diagonal<const N: usize>(l: &Block<N>) -> [f64; N] {
+    core::array::from_fn::<f64, N, _>(|j| l.data.0[j][j]).map(|pivot| 1.0 / pivot)
 }
 
 /// Solves L X = B in place, given and returned transposed: column j of `bt` is row j of B.
 #[inline(always)]
 pub fn solve_lower_transposed<const N: usize, const M: usize>(l: &Block<N>, bt: &mut SMatrix<f64, M, N>) {
+    let inverse = inverse_diagonal(l);
     let x = &mut bt.data.0;
-    for j in 0..N {
-        let scale = 1.0 / l.data.0[j][j];
-        let mut row = x[j];
-        for m in 0..M {
-            row[m] *= scale;
-        }
-        x[j] = row;
-        for i in j + 1..N {
+    for i in 0..N {
+        let mut row = x[i];
+        for j in 0..i {
             let factor = l.data.0[j][i];
             for m in 0..M {
-                x[i][m] -= row[m] * factor;
+                row[m] -= x[j][m] * factor;
             }
         }
+        for m in 0..M {
+            row[m] *= inverse[i];
+        }
+        x[i] = row;
     }
 }
 
-/// Solves L x = b in place.
+/// Solves L x = b in place, for an L with nothing above its diagonal.
 #[inline(always)]
 pub fn solve_lower<const N: usize>(l: &Block<N>, b: &mut BlockVector<N>) {
+    let mut rest = b.data.0[0];
     let x = &mut b.data.0[0];
     for j in 0..N {
-        let value = x[j] / l.data.0[j][j];
+        let value = rest[j] / l.data.0[j][j];
         x[j] = value;
-        for i in j + 1..N {
-            x[i] -= l.data.0[j][i] * value;
+        // Over whole columns: of what is solved already zeros are taken.
+        for i in 0..N {
+            rest[i] -= l.data.0[j][i] * value;
         }
     }
 }
 
-/// Solves Lᵀ x = b in place.
+/// Solves Lᵀ x = b in place, for an L with nothing above its diagonal.
 #[inline(always)]
 pub fn solve_upper<const N: usize>(l: &Block<N>, b: &mut BlockVector<N>) {
-    let x = &mut b.data.0[0];
+    // What is not solved yet is zero, so that whole columns can be multiplied.
+    let mut x = BlockVector::<N>::zeros();
     for j in (0..N).rev() {
-        let mut value = x[j];
-        for i in j + 1..N {
-            value -= l.data.0[j][i] * x[i];
+        x[j] = (b[j] - dot_of(&l.data.0[j], &x.data.0[0])) / l.data.0[j][j];
+    }
+    *b = x;
+}
+
+/// target += sign · Xᵀ X for X given transposed (`xt`, one column per row of X) and a symmetric target.
+#[inline(always)]
+pub fn add_gram_transposed<const N: usize, const R: usize>(target: &mut Block<N>, xt: &SMatrix<f64, N, R>, sign: f64) {
+    add_gram_lower(target, xt, sign);
+    mirror_lower(target);
+}
+
+/// The same for whoever reads the lower triangle alone; what stands above it afterwards is no part of the result.
+#[inline(always)]
+pub fn add_gram_lower<const N: usize, const R: usize>(target: &mut Block<N>, xt: &SMatrix<f64, N, R>, sign: f64) {
+    const { assert!(N <= 4 * BAND, "bands are written out") }
+    add_gram_band::<N, R, 0>(target, xt, sign);
+    add_gram_band::<N, R, { BAND }>(target, xt, sign);
+    add_gram_band::<N, R, { 2 * BAND }>(target, xt, sign);
+    add_gram_band::<N, R, { 3 * BAND }>(target, xt, sign);
+}
+
+#[inline(always)]
+fn add_gram_band<const N: usize, const R: usize, const FROM: usize>(
+    target: &mut Block<N>,
+    xt: &SMatrix<f64, N, R>,
+    sign: f64,
+) {
+    for m in FROM..N.min(FROM + BAND) {
+        let mut column = target.data.0[m];
+        for r in 0..R {
+            let x = &xt.data.0[r];
+            let factor = sign * x[m];
+            for n in FROM..N {
+                column[n] += x[n] * factor;
+            }
         }
-        x[j] = value / l.data.0[j][j];
+        target.data.0[m] = column;
     }
 }
 
-/// target += sign · Xᵀ X for X given transposed (`xt`, one column per row of X).
+/// Puts above the diagonal what stands below it.
 #[inline(always)]
-pub fn add_gram_transposed<const N: usize, const R: usize>(target: &mut Block<N>, xt: &SMatrix<f64, N, R>, sign: f64) {
-    add_product_transposed(target, xt, xt, sign);
+pub fn mirror_lower<const N: usize>(block: &mut Block<N>) {
+    for j in 1..N {
+        for i in 0..j {
+            block.data.0[j][i] = block.data.0[i][j];
+        }
+    }
 }
 
 /// target += sign · Aᵀ B for A and B given transposed: `at` is N × R, `bt` is M × R, so Aᵀ B = at · btᵀ.
@@ -151,8 +216,12 @@ pub fn add_times_transposed<const N: usize, const R: usize>(
 /// aᵀb, summed in four strands, so that one addition need not wait for the last.
 #[inline(always)]
 pub fn dot<const N: usize>(a: &BlockVector<N>, b: &BlockVector<N>) -> f64 {
+    dot_of(&a.data.0[0], &b.data.0[0])
+}
+
+#[inline(always)]
+fn dot_of<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     const STRANDS: usize = 4;
-    let (a, b) = (&a.data.0[0], &b.data.0[0]);
     let mut strands = [0.0; STRANDS];
     let whole = N - N % STRANDS;
     for first in (0..whole).step_by(STRANDS) {
@@ -174,8 +243,7 @@ pub fn subtract_times<const N: usize, const R: usize>(
     delta: &BlockVector<N>,
 ) {
     for r in 0..R {
-        let column = BlockVector::<N>::from_array_storage(nalgebra::ArrayStorage([xt.data.0[r]]));
-        target.data.0[0][r] -= dot(&column, delta);
+        target.data.0[0][r] -= dot_of(&xt.data.0[r], &delta.data.0[0]);
     }
 }
 

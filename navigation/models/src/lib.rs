@@ -31,7 +31,8 @@ pub mod transport;
 pub mod world;
 
 pub use anchored::{Anchored, Pose, Seen, SensorModel};
-pub use blocks::wide;
+#[doc(hidden)]
+pub use blocks::dispatch;
 pub use estimator::{Effort, Estimator, EstimatorError};
 pub use inertial::{ImuFactor, ImuJacobians, ImuWeight, NotPositiveDefinite};
 pub use initialisation::Initialiser;

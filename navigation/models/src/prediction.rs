@@ -2,11 +2,11 @@
 
 use nalgebra::SMatrix;
 
-use crate::blocks::wide;
 use crate::kernels::{Block, add_product_transposed};
 use crate::preintegration::Preintegration;
 use crate::state::{ERROR_DIM, NavState};
 use crate::transport::transport_jacobians;
+use crate::wide;
 use crate::world::WorldModel;
 
 /// C⁻ = F C Fᵀ + Q of the state at the end of `increment`, which begins at `from`, with F = [T_j; 0 I] and Q = [L P9 Lᵀ, L P96; ·, walk].
@@ -23,7 +23,7 @@ pub fn predict_covariance(
     g.fixed_view_mut::<9, 9>(0, 0).copy_from(&jacobians.increment);
     let mut predicted = Block::<ERROR_DIM>::zeros();
     let noise = increment.covariance();
-    wide(|| {
+    wide!({
         for (outer, inner) in [(&f, covariance), (&g, &noise)] {
             let mut half = SMatrix::<f64, ERROR_DIM, ERROR_DIM>::zeros();
             // outer · inner, inner being symmetric.

@@ -23,8 +23,9 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::so3;
 use shared_types::ImuNoise;
 
-use crate::blocks::{product, wide};
+use crate::blocks::product;
 use crate::gaps::Inflation;
+use crate::wide;
 use covariance::{CovarianceBlocks, StepModel};
 pub use piece::{NoiseRows, Piece};
 
@@ -200,7 +201,7 @@ impl Preintegration {
             return;
         }
         if inflation == Inflation::NONE {
-            wide(|| self.step_wide(noise, dt_signed, first, second, inflation));
+            wide!(self.step_wide(noise, dt_signed, first, second, inflation));
         } else {
             self.bridge(noise, dt_signed, first, second, inflation);
         }
@@ -210,7 +211,7 @@ impl Preintegration {
         let at = |step: u32| ImuPoint::interpolate(first, second, f64::from(step) / f64::from(BRIDGE_STEPS));
         for step in 0..BRIDGE_STEPS {
             let (from, to) = (at(step), at(step + 1));
-            wide(|| self.step_wide(noise, dt / f64::from(BRIDGE_STEPS), &from, &to, inflation));
+            wide!(self.step_wide(noise, dt / f64::from(BRIDGE_STEPS), &from, &to, inflation));
         }
     }
 

@@ -64,6 +64,13 @@ const NO_ROW: Row = Row {
     mooring: None,
 };
 
+impl Default for MeasuredRows {
+    /// None.
+    fn default() -> MeasuredRows {
+        MeasuredRows { rows: [NO_ROW; ROWS_MAX], count: 0 }
+    }
+}
+
 impl MeasuredRows {
     /// The rows of a factor under `whitening`, L⁻¹ of its covariance LLᵀ; `slopes`, one column each, are whitened already.
     ///

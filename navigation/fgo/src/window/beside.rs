@@ -62,12 +62,12 @@ impl Window {
             let before = earlier.map_or(Before::Prior(&self.column_prior), |(earlier, dt)| {
                 Before::Link(&earlier.columns, &earlier.link, dt)
             });
-            wide(|| columns.sweep(link, &rows.assemble_slopes(), before));
+            wide!(columns.sweep(link, &rows.assemble_slopes(), before));
             if considers_moorings {
                 let before = earlier.map_or(moorings::Before::Prior(&self.mooring_prior), |(earlier, dt)| {
                     moorings::Before::Link(&earlier.moorings, &earlier.link, dt)
                 });
-                wide(|| {
+                wide!({
                     moorings.clear();
                     rows.assemble_moorings(moorings);
                     moorings.sweep(link, columns, before);
@@ -81,7 +81,7 @@ impl Window {
     /// `states` comes from the keyframe after it, or is empty at the newest.
     pub fn cover_moorings(&self, node: &Node, states: &mut StatesByPosition, covariance: &mut Block<DIM>) {
         if self.considers_moorings() {
-            wide(|| {
+            wide!({
                 node.moorings.carry_back(&node.link, states);
                 states.cover(self.mooring_sigma, covariance);
             });

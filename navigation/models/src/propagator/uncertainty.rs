@@ -6,9 +6,10 @@
 use nalgebra::{Matrix3, SMatrix};
 use nav_geometry::so3;
 
-use crate::blocks::{sandwich, wide};
+use crate::blocks::sandwich;
 use crate::preintegration::Preintegration;
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, POSITION, VELOCITY};
+use crate::wide;
 use crate::world::WorldModel;
 
 /// Diagonal blocks of the covariance.
@@ -79,8 +80,8 @@ impl Uncertainty {
             + d.phi_gyro * gyro_block * d.phi_gyro.transpose()
             + p.phi_phi;
         Uncertainty {
-            position: wide(|| sandwich(&position_row, covariance)) + position_noise,
-            velocity: wide(|| sandwich(&velocity_row, covariance)) + velocity_noise,
+            position: wide!(sandwich(&position_row, covariance)) + position_noise,
+            velocity: wide!(sandwich(&velocity_row, covariance)) + velocity_noise,
             attitude,
         }
     }
