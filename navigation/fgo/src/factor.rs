@@ -114,7 +114,7 @@ impl Factor {
     }
 
     /// Whitens it by its own noise and that of `piece`, from its keyframe to its time (`None` at the keyframe itself), for
-    /// as long as it lives; returns its rows. Its covariance covers `doubts`.
+    /// as long as it lives; `rows` become its own. Its covariance covers `doubts`.
     ///
     /// # Errors
     /// [`Unusable`]: the covariance is singular or a number is not finite.
@@ -124,13 +124,14 @@ impl Factor {
         piece: Option<&Piece<'_>>,
         doubts: Option<&Doubts>,
         world: &WorldModel,
-    ) -> Result<MeasuredRows, Unusable> {
+        rows: &mut MeasuredRows,
+    ) -> Result<(), Unusable> {
         match self.model {
-            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, doubts, world),
-            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, doubts, world),
-            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, doubts, world),
-            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, doubts, world),
-            Model::Ps(model) => self.whiten_as(&model, linearised, piece, doubts, world),
+            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
+            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
+            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
+            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
+            Model::Ps(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
         }
     }
 
@@ -141,7 +142,8 @@ impl Factor {
         piece: Option<&Piece<'_>>,
         doubts: Option<&Doubts>,
         world: &WorldModel,
-    ) -> Result<MeasuredRows, Unusable> {
+        rows: &mut MeasuredRows,
+    ) -> Result<(), Unusable> {
         let anchored = self.anchored(model, linearised, world);
         let mut covariance = piece.map_or(anchored.covariance, |piece| anchored.inflated_covariance(piece));
         let mut slopes = SMatrix::<f64, ROWS, SLOTS>::zeros();
@@ -161,7 +163,7 @@ impl Factor {
         self.whitening.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
         self.slopes = SMatrix::zeros();
         self.slopes.fixed_rows_mut::<ROWS>(0).copy_from(&(whitening * slopes));
-        self.whitened(&anchored)
+        self.fill(rows, &anchored)
     }
 
     /// Puts it at another time, at the end of another increment from its keyframe. Its whitening stays.
@@ -211,10 +213,16 @@ impl Factor {
     }
 
     fn whitened<const ROWS: usize>(&self, anchored: &Anchored<ROWS>) -> Result<MeasuredRows, Unusable> {
-        let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
-        let mut rows = MeasuredRows::whitened(anchored, &whitening, &self.slopes.fixed_rows::<ROWS>(0).into_owned())?;
-        rows.as_mut_slice().iter_mut().for_each(|row| row.mooring = self.mooring);
+        let mut rows = MeasuredRows::default();
+        self.fill(&mut rows, anchored)?;
         Ok(rows)
+    }
+
+    fn fill<const ROWS: usize>(&self, rows: &mut MeasuredRows, anchored: &Anchored<ROWS>) -> Result<(), Unusable> {
+        let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
+        rows.fill(anchored, &whitening, &self.slopes.fixed_rows::<ROWS>(0).into_owned())?;
+        rows.as_mut_slice().iter_mut().for_each(|row| row.mooring = self.mooring);
+        Ok(())
     }
 
     /// Evaluates the first group of `factors` anew and appends its rows. Returns how many factors the group has.
@@ -270,7 +278,7 @@ mod tests {
             let model = Model::Lbl(LblModel::new(ranges[index], buoys[index], 0.0, &lbl));
             let mut factor = Factor::new(Time(0), model, None, Kernel::None);
             factor.join_epoch(1, index as u32, offset_sigma);
-            factor.whiten(&state, None, None, &world).expect("regular");
+            factor.whiten(&state, None, None, &world, &mut MeasuredRows::default()).expect("regular");
             factors.push(factor);
         }
         let mut rows = Rows::default();

@@ -295,7 +295,8 @@ mod tests {
             let prefix = history.integrate(Time(0), t, &zero, &zero, &imu).expect("samples");
             let mut factor = Factor::new(t, model, Some(prefix.increment), kernel);
             let piece = nav_models::preintegration::Piece::Forward(&prefix);
-            let rows = factor.whiten(&first(), Some(&piece), None, world).expect("regular");
+            let mut rows = MeasuredRows::default();
+            factor.whiten(&first(), Some(&piece), None, world, &mut rows).expect("regular");
             between.push(&factor, &rows);
         }
         assert!(between.prepare(Time(0), &whole, &history, &imu));

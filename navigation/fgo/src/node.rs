@@ -31,8 +31,8 @@ const BATCH_POSITION: f64 = 1e-2;
 const BATCH_VELOCITY: f64 = 1e-2;
 const BATCH_ATTITUDE: f64 = 1e-4;
 
-/// Where no residual changed by more, in sigmas, a cost stands to a few hundredths.
-const COUNTED: f64 = 0.05;
+/// Where no residual changed by more, in sigmas, a cost stands to a tenth.
+const COUNTED: f64 = 0.1;
 
 /// What has gathered since older states last heard of it need not be carried to them while it is smaller (§4.3).
 const CARRY_POSITION: f64 = 1.5e-3;
@@ -244,8 +244,8 @@ impl Node {
         wide!(self.rows.cost(&self.delta)) + self.between.cost(&self.delta)
     }
 
-    /// Evaluates every sensor anew at the linearisation point, weights at the present estimate.
-    pub fn linearise_sensors(&mut self, world: &WorldModel) {
+    /// Evaluates every sensor anew at the linearisation point, weights at the present estimate. Returns their cost.
+    pub fn linearise_sensors(&mut self, world: &WorldModel) -> f64 {
         self.rows.clear();
         let mut index = 0;
         while index < self.factors.len() {
@@ -253,8 +253,10 @@ impl Node {
         }
         self.between.linearise(&self.linearised, world);
         self.has_changed();
-        self.refresh_weights(0.0);
+        let mut cost = 0.0;
+        self.refresh_weights(0.0, &mut cost);
         self.assemble_sensors();
+        cost
     }
 
     /// Sums the rows at their weights.
@@ -265,8 +267,8 @@ impl Node {
     }
 
     /// Takes robust weights from the residuals at the present estimate where they differ by more than `tolerance`. Returns
-    /// whether any changed.
-    pub fn refresh_weights(&mut self, tolerance: f64) -> bool {
+    /// whether any changed, and tells the cost where it had to be summed for that.
+    pub fn refresh_weights(&mut self, tolerance: f64, cost: &mut f64) -> bool {
         if let Some(weighted_at) = &self.weighted_at
             && self.between.is_empty()
             && self.rows.most_felt(&(self.delta - weighted_at)) < tolerance
@@ -276,8 +278,12 @@ impl Node {
             return false;
         }
         self.weighted_at = Some(self.delta);
+        self.counted_at = Some(self.delta);
         let Node { rows, between, delta, .. } = self;
-        wide!(rows.refresh_weights(delta, tolerance)) | between.refresh_weights(delta, tolerance)
+        let (has_changed, of_rows) = wide!(rows.refresh_weights(delta, tolerance));
+        let has_changed = has_changed | between.refresh_weights(delta, tolerance);
+        *cost = of_rows + between.cost(delta);
+        has_changed
     }
 
     /// Integrates anew up to the measurements that are one factor with the interval, where some have come or the
@@ -348,8 +354,8 @@ impl Node {
     }
 
     /// Takes a systematic error of `by` of its unit out of the measurements that have it. Those whose stamps are moved beyond
-    /// the samples keep their place.
-    pub fn correct(&mut self, error: usize, by: f64, history: &ImuHistory, imu: &ImuModel, world: &WorldModel) {
+    /// the samples keep their place. Returns the cost of all.
+    pub fn correct(&mut self, error: usize, by: f64, history: &ImuHistory, imu: &ImuModel, world: &WorldModel) -> f64 {
         let (accel_bias, gyro_bias) = (self.linearised.accel_bias, self.linearised.gyro_bias);
         let sensor = sensor_of(error);
         for factor in self.factors.iter_mut().filter(|factor| factor.place() == sensor) {
@@ -364,7 +370,7 @@ impl Node {
                 factor.move_to(t, piece.increment, &point);
             }
         }
-        self.linearise_sensors(world);
+        self.linearise_sensors(world)
     }
 
     /// ½‖r + J δ‖² of the interval to the next keyframe, from its normal equations.

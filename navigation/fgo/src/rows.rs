@@ -197,17 +197,17 @@ impl Rows {
     }
 
     /// Takes robust weights from the residuals after a step δ. A measurement whose weight would change by no more than
-    /// `tolerance` keeps the one it has. Returns whether any changed.
+    /// `tolerance` keeps the one it has. Returns whether any changed, and half the robust sum of squares after the step.
     #[inline(always)]
-    pub fn refresh_weights(&mut self, delta: &BlockVector<DIM>, tolerance: f64) -> bool {
-        let mut changed = false;
+    pub fn refresh_weights(&mut self, delta: &BlockVector<DIM>, tolerance: f64) -> (bool, f64) {
+        let (mut changed, mut losses) = (false, Losses::default());
         for index in 0..self.spans.len() {
             let span = self.spans[index];
             match span.group {
-                Group::Single { kernel: Kernel::None } => {}
                 Group::Single { kernel } => {
                     let rows = &mut self.rows[span.first..span.end];
                     let s: f64 = rows.iter().map(|row| row.after(delta).powi(2)).sum();
+                    losses.add(kernel, rows.len(), s);
                     let new = credited_weight(kernel, rows.len(), s);
                     if (new - rows[0].weight).abs() > tolerance {
                         rows.iter_mut().for_each(|row| row.weight = new);
@@ -218,16 +218,18 @@ impl Rows {
                     let offset = self.offset(&span, sigma, delta);
                     for row in &mut self.rows[span.first..span.end] {
                         let whitened = row.after(delta) - offset * row.inverse_sigma;
+                        losses.add(kernel, 1, whitened * whitened);
                         let new = credited_weight(kernel, 1, whitened * whitened);
                         if (new - row.weight).abs() > tolerance {
                             row.weight = new;
                             changed = true;
                         }
                     }
+                    losses.add(Kernel::None, 1, (offset / sigma).powi(2));
                 }
             }
         }
-        changed
+        (changed, 0.5 * losses.sum())
     }
 
     /// d̂ of a group after a step δ, m.

@@ -269,12 +269,9 @@ impl Ties {
         }
         let point = if self.systematics.is_estimated(place) { closing.history.at(t) } else { None };
         let doubts = Doubts { point, sigmas: self.systematics.sigmas(place) };
-        match factor.whiten(&node.linearised, piece.as_ref(), Some(&doubts), world) {
-            Ok(whitened) => *rows = whitened,
-            Err(_) => {
-                self.epoch.truncate(at);
-                return Err(RejectReason::NotFinite);
-            }
+        if factor.whiten(&node.linearised, piece.as_ref(), Some(&doubts), world, rows).is_err() {
+            self.epoch.truncate(at);
+            return Err(RejectReason::NotFinite);
         }
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
         let covariance =
@@ -327,6 +324,7 @@ pub fn place(measurement: &Measurement) -> Option<usize> {
 }
 
 /// The piece from keyframe `index` to `t`, with `side` as room for what has to be integrated; `None` where they coincide.
+#[inline(always)]
 fn piece_to<'a>(
     t: Time,
     index: usize,

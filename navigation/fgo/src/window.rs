@@ -377,7 +377,7 @@ impl Window {
                 changed = true;
             } else {
                 let node = &mut self.nodes[index];
-                if node.refresh_weights(WEIGHT_TOLERANCE) {
+                if node.refresh_weights(WEIGHT_TOLERANCE, &mut self.costs[index]) {
                     node.assemble_sensors();
                     self.dirty = self.dirty.min(index);
                     self.reweigh_interval(index);
@@ -417,7 +417,7 @@ impl Window {
             self.carry_prior(&step);
         }
         let world = self.world;
-        self.nodes[index].linearise_sensors(&world);
+        self.costs[index] = self.nodes[index].linearise_sensors(&world);
         self.linearise_interval(index);
         if index > 0 {
             self.linearise_interval(index - 1);
@@ -447,14 +447,14 @@ impl Window {
             let moved = is_everything || self.nodes[index].has_left_its_point();
             if moved {
                 let t_next = self.nodes.get(index + 1).map(|next| next.t);
-                let Window { nodes, world, .. } = self;
+                let Window { nodes, world, costs, .. } = self;
                 nodes[index].reintegrate(t_next, history, imu);
                 let step = nodes[index].reanchor();
-                nodes[index].linearise_sensors(world);
+                costs[index] = nodes[index].linearise_sensors(world);
                 if index == 0 {
                     self.carry_prior(&step);
                 }
-            } else if self.nodes[index].refresh_weights(BATCH_WEIGHT_TOLERANCE) {
+            } else if self.nodes[index].refresh_weights(BATCH_WEIGHT_TOLERANCE, &mut self.costs[index]) {
                 self.nodes[index].assemble_sensors();
                 self.reweigh_interval(index);
             }

@@ -157,20 +157,6 @@ pub(crate) fn inverse_cholesky<const N: usize>(p: &SMatrix<f64, N, N>) -> Option
     inverse.iter().all(|x| x.is_finite()).then_some(inverse)
 }
 
-/// `WᵀW` of a lower triangular W.
-pub(crate) fn gram_of_lower<const N: usize>(w: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    let columns = &w.data.0;
-    let mut gram = SMatrix::<f64, N, N>::zeros();
-    for right in 0..N {
-        for left in 0..=right {
-            let sum: f64 = columns[left][right..].iter().zip(&columns[right][right..]).map(|(a, b)| a * b).sum();
-            gram[(left, right)] = sum;
-            gram[(right, left)] = sum;
-        }
-    }
-    gram
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -211,7 +197,7 @@ mod tests {
         let w = inverse_cholesky(&p).expect("positive definite");
         assert_relative_eq!(w * p * w.transpose(), SMatrix::identity(), epsilon = 1e-13);
         assert_eq!(w.upper_triangle(), SMatrix::<f64, 5, 5>::from_diagonal(&w.diagonal()));
-        assert_relative_eq!(gram_of_lower(&w) * p, SMatrix::identity(), epsilon = 1e-12);
+        assert_relative_eq!(w.transpose() * w * p, SMatrix::identity(), epsilon = 1e-12);
         let mut spoilt = p;
         spoilt[(3, 3)] = -1.0;
         assert_eq!(inverse_cholesky(&spoilt), None);

@@ -68,8 +68,9 @@ impl ImuHistory {
 
     /// Forgets what is older than `t`, but for the one sample from which `t` itself is interpolated.
     pub fn forget_before(&mut self, t: Time) {
-        while self.samples.get(1).is_some_and(|second| second.t <= t) {
-            self.samples.pop_front();
+        let forgotten = self.samples.iter().skip(1).take_while(|sample| sample.t <= t).count();
+        if forgotten > 0 {
+            self.samples.drain(..forgotten);
             self.is_held_back = false;
         }
     }

@@ -15,10 +15,11 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 use nav_geometry::so3;
 
-use crate::blocks::{gram_of_lower, inverse_cholesky};
+use crate::kernels::{cholesky, solve_lower_transposed};
 use crate::preintegration::{CorrectedIncrement, Preintegration};
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::transport::EarthMotion;
+use crate::wide;
 use crate::world::WorldModel;
 
 /// The increment between two keyframes as a factor on both.
@@ -175,13 +176,11 @@ impl ImuFactor {
 #[error("the covariance of the inertial increment is not positive definite")]
 pub struct NotPositiveDefinite;
 
-/// Inverse of P15, and a square root of it, of one interval.
+/// A square root of the inverse of P15, of one interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuWeight {
     /// W = L⁻¹ with P15 = LLᵀ, lower triangular: W r has unit covariance, WᵀW = P15⁻¹.
     pub whitener: SMatrix<f64, ERROR_DIM, ERROR_DIM>,
-    /// P15⁻¹.
-    pub information: SMatrix<f64, ERROR_DIM, ERROR_DIM>,
 }
 
 impl ImuWeight {
@@ -190,8 +189,12 @@ impl ImuWeight {
     /// # Errors
     /// [`NotPositiveDefinite`] when the interval is empty or a noise is zero.
     pub fn new(preintegration: &Preintegration) -> Result<ImuWeight, NotPositiveDefinite> {
-        let whitener = inverse_cholesky(&preintegration.covariance()).ok_or(NotPositiveDefinite)?;
-        Ok(ImuWeight { whitener, information: gram_of_lower(&whitener) })
+        let covariance = preintegration.covariance();
+        let factor = wide!(cholesky(&covariance)).map_err(|_| NotPositiveDefinite)?;
+        let mut inverse_transposed = SMatrix::<f64, ERROR_DIM, ERROR_DIM>::identity();
+        wide!(solve_lower_transposed(&factor, &mut inverse_transposed));
+        let whitener = inverse_transposed.transpose();
+        if whitener.iter().all(|x| x.is_finite()) { Ok(ImuWeight { whitener }) } else { Err(NotPositiveDefinite) }
     }
 }
 
@@ -320,7 +323,6 @@ mod tests {
         let p = factor.preintegration.covariance();
         let white = weight.whitener * p * weight.whitener.transpose();
         assert_relative_eq!(white, SMatrix::<f64, 15, 15>::identity(), epsilon = 1e-9);
-        assert_relative_eq!(weight.information * p, SMatrix::<f64, 15, 15>::identity(), epsilon = 1e-6);
     }
 
     #[test]

@@ -140,20 +140,37 @@ fn uncredited_loss(kernel: Kernel, s: f64) -> f64 {
     }
 }
 
+/// Kernels whose arguments wait for their logarithm side by side; a run has about as many.
+const KERNELS: usize = 4;
+
 /// A sum of [`loss`]es. Those of one Cauchy kernel, κ c² ln(1 + s/c²), share a logarithm: their arguments are multiplied.
 #[derive(Clone, Copy, Debug)]
 pub struct Losses {
     sum: f64,
-    /// c² of the product.
+    products: [Product; KERNELS],
+    kernels: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Product {
+    /// c².
     square: f64,
-    /// κ of the product.
+    /// κ.
     credit: f64,
-    product: f64,
+    value: f64,
+}
+
+impl Product {
+    const NONE: Product = Product { square: 1.0, credit: 1.0, value: 1.0 };
+
+    fn loss(&self) -> f64 {
+        self.credit * self.square * self.value.ln()
+    }
 }
 
 impl Default for Losses {
     fn default() -> Self {
-        Losses { sum: 0.0, square: 1.0, credit: 1.0, product: 1.0 }
+        Losses { sum: 0.0, products: [Product::NONE; KERNELS], kernels: 0 }
     }
 }
 
@@ -167,12 +184,28 @@ impl Losses {
         match kernel {
             Kernel::Cauchy(c) | Kernel::AdaptiveCauchy(c) => {
                 let (square, credit) = (c * c, credit(kernel, components));
-                // Written so that an argument that is no number, or infinite, ends in the sum.
-                if !(square == self.square && credit == self.credit && self.product < Self::PRODUCT_MAX) {
-                    self.sum = self.sum();
-                    (self.square, self.credit, self.product) = (square, credit, 1.0);
+                let is_same = |other: &Product| square == other.square && credit == other.credit;
+                let at = match self.products[..self.kernels].iter().position(is_same) {
+                    Some(at) => at,
+                    None if self.kernels < KERNELS => {
+                        self.kernels += 1;
+                        self.kernels - 1
+                    }
+                    None => {
+                        self.sum += self.products[0].loss();
+                        0
+                    }
+                };
+                let product = &mut self.products[at];
+                if !is_same(product) {
+                    *product = Product { square, credit, value: 1.0 };
                 }
-                self.product *= 1.0 + s / square;
+                // An argument that is no number, or infinite, ends in the sum.
+                if product.value >= Self::PRODUCT_MAX || product.value.is_nan() {
+                    self.sum += product.loss();
+                    product.value = 1.0;
+                }
+                product.value *= 1.0 + s / square;
             }
             _ => self.sum += loss(kernel, components, s),
         }
@@ -180,7 +213,7 @@ impl Losses {
 
     /// What was added.
     pub fn sum(&self) -> f64 {
-        self.sum + self.credit * self.square * self.product.ln()
+        self.products[..self.kernels].iter().fold(self.sum, |sum, product| sum + product.loss())
     }
 }
 

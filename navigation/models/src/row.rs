@@ -82,19 +82,38 @@ impl MeasuredRows {
         whitening: &SMatrix<f64, ROWS, ROWS>,
         slopes: &SMatrix<f64, ROWS, SLOTS>,
     ) -> Result<MeasuredRows, Unusable> {
+        let mut measured = MeasuredRows::default();
+        measured.fill(anchored, whitening, slopes)?;
+        Ok(measured)
+    }
+
+    /// [`MeasuredRows::whitened`] in their place: they take half a kilobyte.
+    ///
+    /// # Errors
+    /// [`Unusable`]: a number is not finite; there are no rows then.
+    #[inline]
+    pub fn fill<const ROWS: usize>(
+        &mut self,
+        anchored: &Anchored<ROWS>,
+        whitening: &SMatrix<f64, ROWS, ROWS>,
+        slopes: &SMatrix<f64, ROWS, SLOTS>,
+    ) -> Result<(), Unusable> {
         let residual: SVector<f64, ROWS> = whitening * anchored.residual;
         let jacobian: SMatrix<f64, ROWS, ERROR_DIM> = whitening * anchored.jacobian;
         if !residual.iter().chain(jacobian.iter()).chain(slopes.iter()).all(|x| x.is_finite()) {
+            self.count = 0;
             return Err(Unusable);
         }
-        let mut measured = MeasuredRows { rows: [NO_ROW; ROWS_MAX], count: ROWS };
-        for (index, row) in measured.rows[..ROWS].iter_mut().enumerate() {
+        self.count = ROWS;
+        for (index, row) in self.rows[..ROWS].iter_mut().enumerate() {
             row.jacobian = jacobian.row(index).transpose();
             row.residual = residual[index];
             row.inverse_sigma = whitening[(index, index)];
+            row.weight = 1.0;
             row.slopes = core::array::from_fn(|slot| slopes[(index, slot)]);
+            row.mooring = None;
         }
-        Ok(measured)
+        Ok(())
     }
 
     /// The rows in use.

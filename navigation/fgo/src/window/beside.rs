@@ -38,7 +38,7 @@ impl Window {
             let share = fading(newest - node.t, term);
             // Only a batch reaches that far back.
             if share > SHIFT_SHARE_MIN {
-                node.correct(error, by * share, history, imu, &world);
+                self.costs[index] = node.correct(error, by * share, history, imu, &world);
                 self.dirty = self.dirty.min(index);
                 self.uncounted = self.uncounted.min(index);
             }

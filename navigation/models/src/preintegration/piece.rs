@@ -50,6 +50,7 @@ pub enum Piece<'a> {
 
 impl<'a> Piece<'a> {
     /// The piece from the end of `whole` back to the end of `prefix`, both of one run.
+    #[inline(always)]
     pub fn backward(prefix: &'a Preintegration, whole: &'a Preintegration) -> Piece<'a> {
         let rest = Increment::between_prefixes(prefix, whole);
         Piece::Backward { prefix, whole, back: rest.reversed(), rest }

@@ -21,6 +21,9 @@ use crate::world::WorldModel;
 /// Cosine of pitch below which heading is not used: 78° from level.
 const MIN_COSINE_OF_PITCH: f64 = 0.2;
 
+/// Below every radius of curvature of the Earth by more than the ocean is deep, m.
+const LEAST_RADIUS: f64 = 6.3e6;
+
 /// One heading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct McpModel {
@@ -50,7 +53,15 @@ impl McpModel {
 
     /// Whether the body x axis is far enough from the vertical to have a heading.
     pub fn is_usable(state: &NavState, world: &WorldModel) -> bool {
-        let [east, north] = east_and_north(&state.position_enu, &state.r_enu_body(), world);
+        let r_enu_body = state.r_enu_body();
+        // The vertical at the vehicle leans by at most the distance over the smallest radius of curvature from that at the origin:
+        // nearly always that settles it, at a tenth of the price.
+        let leaning = state.position_enu.norm() / LEAST_RADIUS;
+        let sine_of_pitch = r_enu_body[(2, 0)].abs() + leaning;
+        if sine_of_pitch * sine_of_pitch <= 1.0 - MIN_COSINE_OF_PITCH * MIN_COSINE_OF_PITCH {
+            return true;
+        }
+        let [east, north] = east_and_north(&state.position_enu, &r_enu_body, world);
         east.x * east.x + north.x * north.x >= MIN_COSINE_OF_PITCH * MIN_COSINE_OF_PITCH
     }
 }
