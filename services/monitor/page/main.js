@@ -3,7 +3,19 @@
 (() => {
   const { store, views, byId, fixed, say } = ilns;
   const dirty = { map: true, tables: true, charts: true, graph: true };
-  const all = () => Object.assign(dirty, { map: true, tables: true, charts: true, graph: true });
+  /**
+   * Between two pictures of a live run, ms: numbers that change faster are not read, and what a chart gains in two seconds of its
+   * five minutes are some pixels. The rest of the machine is for the navigation.
+   */
+  const LEAST = { map: 450, tables: 900, charts: 1900, graph: 1900 };
+  const drawnAt = {};
+  /** Everything, as soon as it is drawn: after what somebody did, or what came into sight. */
+  const all = () => {
+    for (const name of Object.keys(LEAST)) {
+      dirty[name] = true;
+      drawnAt[name] = 0;
+    }
+  };
 
   const header = () => {
     const point = store.point();
@@ -41,17 +53,14 @@
     draw();
   }, { rootMargin: "150px" });
 
-  /** Between two pictures of the tables of a live run, ms: numbers that change faster are not read. */
-  const TABLES = 900;
-  let tablesAt = 0;
-  const isTooSoon = (name) => name === "tables" && store.kind === "live" && store.cursor === null && Date.now() - tablesAt < TABLES;
+  const isTooSoon = (name) => store.kind === "live" && store.cursor === null && Date.now() - (drawnAt[name] ?? 0) < LEAST[name];
 
   const draw = () => {
     if (document.hidden) return;
     header();
     for (const name of Object.keys(dirty)) {
       if (!dirty[name] || isTooSoon(name)) continue;
-      if (name === "tables") tablesAt = Date.now();
+      drawnAt[name] = Date.now();
       dirty[name] = false;
       views[name].draw();
     }
@@ -237,7 +246,7 @@
     draw();
     if (seen) document.querySelectorAll(".card").forEach((card) => seen.observe(card));
     // A few pictures a second are enough for the eye, and leave the machine to the navigation.
-    setInterval(draw, 400);
+    setInterval(draw, 500);
     setInterval(() => {
       dirty.charts ||= store.kind === "live" && store.cursor === null;
       watch();

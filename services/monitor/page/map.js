@@ -3,7 +3,10 @@
 ilns.views.map = (() => {
   const { store, h, byId, fixed, colour } = ilns;
   const canvas = byId("map");
-  const context = canvas.getContext("2d");
+  const screen = canvas.getContext("2d");
+  // What has been is drawn once into a layer of its own: a track of hours is not stroked twice a second.
+  const past = { context: document.createElement("canvas").getContext("2d"), key: "", until: -Infinity };
+  let context = screen;
   // `mode` is "fit" (everything in sight), "follow" or "free".
   const view = { east: 0, north: 0, scale: 2, mode: "fit" };
   let size = [0, 0];
@@ -11,12 +14,15 @@ ilns.views.map = (() => {
   const toPixel = (east, north) => [size[0] / 2 + (east - view.east) * view.scale, size[1] / 2 - (north - view.north) * view.scale];
   const toMetres = (x, y) => [view.east + (x - size[0] / 2) / view.scale, view.north - (y - size[1] / 2) / view.scale];
 
+  const ratio = () => window.devicePixelRatio || 1;
+
   const resize = () => {
-    const ratio = window.devicePixelRatio || 1;
     size = [canvas.clientWidth, canvas.clientHeight];
-    const [width, height] = size.map((length) => Math.round(length * ratio));
-    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const [width, height] = size.map((length) => Math.round(length * ratio()));
+    for (const each of [canvas, past.context.canvas]) {
+      if (each.width !== width || each.height !== height) [each.width, each.height, past.key] = [width, height, ""];
+    }
+    for (const each of [screen, past.context]) each.setTransform(ratio(), 0, 0, ratio(), 0, 0);
   };
 
   const buoys = () => (store.now?.buoys ?? []).filter((buoy) => buoy.position_enu != null);
@@ -67,43 +73,47 @@ ilns.views.map = (() => {
     context.fillText("E, N in m", size[0] - 58, 14);
   };
 
-  const line = (east, north, end, style) => {
+  /** A point nearer to the last one than this, px, would not be seen: a track of hours is some hundred of them. */
+  const SEEN = 0.7;
+
+  const line = (east, north, [begin, end], style) => {
     Object.assign(context, { lineJoin: "round", ...style });
     context.setLineDash(style.dash ?? []);
     context.beginPath();
-    let pen = false;
-    for (let index = 0; index < end; index++) {
+    let before = null;
+    for (let index = begin; index < end; index++) {
       if (east[index] === null) {
-        pen = false;
+        before = null;
         continue;
       }
       const [x, y] = toPixel(east[index], north[index]);
-      if (pen) context.lineTo(x, y);
+      if (before && index < end - 1 && Math.abs(x - before[0]) < SEEN && Math.abs(y - before[1]) < SEEN) continue;
+      if (before) context.lineTo(x, y);
       else context.moveTo(x, y);
-      pen = true;
+      before = [x, y];
     }
     context.stroke();
     context.setLineDash([]);
   };
 
   /** The track, one stroke per stretch of equal mode. */
-  const track = (end) => {
+  const track = ([first, end]) => {
     const { e, n, mode } = store.track;
-    for (let begin = 0; begin < end;) {
+    for (let begin = first; begin < end;) {
       let stop = begin + 1;
       while (stop < end && mode[stop] === mode[begin]) stop++;
       const last = Math.min(stop + 1, end);
       const style = { strokeStyle: ilns.MODE_COLOURS[mode[begin]] ?? colour("soft"), lineWidth: mode[begin] > 1 ? 3 : 2 };
-      line(e.slice(begin, last), n.slice(begin, last), last - begin, style);
+      line(e, n, [begin, last], style);
       begin = stop;
     }
   };
 
   const fateColour = (fate) => (typeof fate === "object" ? "#d55e00" : fate === "used" ? colour("accent") : "#999999");
 
-  const fixes = (moment) => {
+  const fixes = (after, until) => {
     for (const fix of store.fixes) {
-      if (fix.t > moment) continue;
+      if (fix.t > until || fix.t <= after) continue;
       const [x, y] = toPixel(fix.position_enu[0], fix.position_enu[1]);
       context.strokeStyle = context.fillStyle = fateColour(fix.fate);
       context.lineWidth = 1.5;
@@ -194,6 +204,34 @@ ilns.views.map = (() => {
     context.restore();
   };
 
+  /** Truth, fixes and track from one moment to another. */
+  const travelled = (from, until) => {
+    const { t, te, tn } = store.track;
+    const span = [Math.max(ilns.after(t, from) - 1, 0), ilns.after(t, until)];
+    if (store.hasTruth) line(te, tn, span, { strokeStyle: colour("truth"), lineWidth: 1.2, dash: [5, 4] });
+    fixes(from - SETTLED, until);
+    track(span);
+  };
+
+  /** A fix is heard of when its fate is settled, so many s after its time at most: the layer may have been drawn between. */
+  const SETTLED = 15;
+  /** So much data time, s, is drawn beside the layer before that is drawn anew. */
+  const LATELY = 30;
+
+  /** Brings the layer to the view, and near enough to the moment. */
+  const drawPast = (moment) => {
+    const key = [view.east, view.north, view.scale, colour("ink"), store.track.t[0], store.hasTruth].join();
+    const behind = moment - past.until;
+    if (key === past.key && behind >= 0 && behind < LATELY) return;
+    [past.key, past.until] = [key, moment];
+    context = past.context;
+    context.fillStyle = colour("card");
+    context.fillRect(0, 0, size[0], size[1]);
+    grid();
+    travelled(-Infinity, moment);
+    context = screen;
+  };
+
   const draw = () => {
     if (!ilns.isInSight("map-card")) return;
     resize();
@@ -202,15 +240,10 @@ ilns.views.map = (() => {
     if (view.mode === "follow" && point && point.e !== null) [view.east, view.north] = [point.e, point.n];
     byId("follow").setAttribute("aria-pressed", view.mode === "follow");
     byId("fit").setAttribute("aria-pressed", view.mode === "fit");
-    context.fillStyle = colour("card");
-    context.fillRect(0, 0, size[0], size[1]);
-    grid();
-    const moment = store.moment();
-    const end = ilns.after(store.track.t, moment);
+    drawPast(store.moment());
+    screen.drawImage(past.context.canvas, 0, 0, size[0], size[1]);
+    travelled(past.until, store.moment());
     rings(store.shown());
-    if (store.hasTruth) line(store.track.te, store.track.tn, end, { strokeStyle: colour("truth"), lineWidth: 1.2, dash: [5, 4] });
-    fixes(moment);
-    track(end);
     buoyMarks();
     vehicle(point);
   };
