@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
 use nav_models::gaps::BLIND;
-use nav_models::initialisation::Initialiser;
+use nav_models::initialisation::{Initialiser, LastKnown};
 use nav_models::prediction::predict_covariance;
 use nav_models::preintegration::{ImuPoint, Preintegration};
 use nav_models::state::NavState;
@@ -145,6 +145,11 @@ impl FgoEstimator {
         true
     }
 
+    /// Tells a run that begins where the vehicle was before: its first state stands on that where nothing else tells the place.
+    pub fn remember(&mut self, last: &LastKnown) {
+        self.initialiser.remember(last);
+    }
+
     /// What the newest keyframe holds.
     pub fn report(&self) -> &KeyframeReport {
         &self.report
@@ -219,6 +224,10 @@ impl FgoEstimator {
         }
         self.is_started = true;
         self.newest_covariance = covariance;
+        // The configuration's sigmas are not those of a place of before.
+        if self.initialiser.remembers() {
+            self.alternatives.resume(&state, &covariance);
+        }
         // What was valid before the first state has been the initialiser's.
         for (measurement, _) in core::mem::take(&mut self.pending) {
             if let Some(sensor) = measurement.sensor() {

@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 use nav_geometry::Geodetic;
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
 use nav_models::imu_history::{ImuHistory, ImuModel};
-use nav_models::initialisation::Initialiser;
+use nav_models::initialisation::{Initialiser, LastKnown};
 use nav_models::judging::Judges;
 use nav_models::preintegration::ImuPoint;
 use nav_models::state::{ERROR_DIM, NavState};
@@ -149,6 +149,11 @@ impl<B: Bank> KalmanEstimator<B> {
         self.solutions = solution.id + 1;
         self.counts = solution.counts;
         true
+    }
+
+    /// Tells a run that begins where the vehicle was before: its first state stands on that where nothing else tells the place.
+    pub fn remember(&mut self, last: &LastKnown) {
+        self.initialiser.remember(last);
     }
 
     /// What the newest keyframe holds.

@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | tilt | mean specific force over ≥ 2 s | the same, turned along by the gyroscope, less the acceleration that the DVL saw |
 //! | heading | MCP | MCP, else the GNSS track (10°) |
-//! | velocity | DVL, else 0 within what the GNSS track excludes | DVL, else the track, else 0 with the sigma of a vehicle under way |
-//! | position | GNSS and depth, else ranges and depth | the same |
+//! | velocity | DVL, else 0 within what the GNSS track excludes | DVL, else the track, else the last one known, else 0 with the sigma of a vehicle under way |
+//! | position | GNSS and depth, else ranges and depth, else the last one known and depth | the same |
 //! | gyroscope bias | mean rate − Rᵀω | 0 |
 //!
 //! What a table's cell names is a guess. Readings are older than the keyframe, and the vehicle has moved on meanwhile: the
@@ -18,6 +18,7 @@
 
 mod adjustment;
 mod attitude;
+mod last_known;
 mod position;
 #[cfg(test)]
 mod tests;
@@ -29,6 +30,8 @@ use nav_geometry::so3;
 use shared_types::{Config, Duration, Measurement, Reading, Time};
 
 use adjustment::Adjustment;
+use last_known::Aged;
+pub use last_known::LastKnown;
 
 use crate::imu_history::{ImuHistory, ImuModel};
 use crate::preintegration::ImuPoint;
@@ -72,6 +75,7 @@ pub struct Initialiser {
     samples: ImuHistory,
     t_first_sample: Option<Time>,
     heard: Heard,
+    last_known: Option<LastKnown>,
 }
 
 /// A covariance of the whole error state.
@@ -99,7 +103,28 @@ impl Initialiser {
             samples: ImuHistory::with_capacity(SAMPLES_KEPT),
             t_first_sample: None,
             heard: Heard::default(),
+            last_known: None,
         }
+    }
+
+    /// Where the vehicle was before all that will be heard: it stands in where nothing else tells the place. The beginning that the
+    /// configuration gives is past by then.
+    pub fn remember(&mut self, last: &LastKnown) {
+        self.last_known = Some(*last);
+        self.config.vehicle.initial.forget_state();
+        self.config.vehicle.initial.t = None;
+    }
+
+    /// Whether there is a place of before.
+    pub fn remembers(&self) -> bool {
+        self.last_known.is_some()
+    }
+
+    /// Where it may be now by what is known of before, if that tells anything yet.
+    fn aged(&self, t_keyframe: Time, world: &WorldModel) -> Option<Aged> {
+        let aged = self.last_known?.at(t_keyframe, &world.frame);
+        let tells = aged.position_cov.diagonal().max() <= position::WORST_SIGMA.powi(2);
+        tells.then_some(aged)
     }
 
     /// Takes a measurement as it comes; malformed ones and those of sensors that are switched off are left out.

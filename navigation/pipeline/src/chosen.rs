@@ -4,6 +4,7 @@ use nav_fgo::{FgoEstimator, Smoothed};
 use nav_geometry::Geodetic;
 use nav_kalman::{Ekf, FederatedKf};
 use nav_models::estimator::{Effort, Estimator, EstimatorError};
+use nav_models::initialisation::LastKnown;
 use shared_types::{
     AIDING, CALIBRATIONS, Config, EstimatorKind, FrameOrigin, KeyframeReport, Measurement, NavEstimate, SensorCounts,
     Solution,
@@ -50,6 +51,11 @@ impl ChosenEstimator {
     /// Takes up from the last solution of an earlier run; `false` if it holds no valid state.
     pub fn resume(&mut self, solution: &Solution) -> bool {
         whichever!(self, estimator => estimator.resume(solution))
+    }
+
+    /// Tells a run that begins where the vehicle was before; see [`LastKnown`].
+    pub fn remember(&mut self, last: &LastKnown) {
+        whichever!(self, estimator => estimator.remember(last));
     }
 
     /// The trajectory given all that the window holds; see [`FgoEstimator::smooth`]. `None` of a filter, which keeps nothing.

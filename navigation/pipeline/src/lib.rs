@@ -10,5 +10,6 @@ mod rebase;
 pub use chosen::ChosenEstimator;
 pub use nav_fgo::{BatchReport, Smoothed, SmoothedKeyframe};
 pub use nav_models::estimator::{Effort, Estimator, EstimatorError};
+pub use nav_models::initialisation::LastKnown;
 pub use navigator::{Navigator, Output, SolveClock, Unmeasured};
 pub use rebase::Rebase;

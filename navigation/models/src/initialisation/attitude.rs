@@ -156,7 +156,8 @@ impl Initialiser {
         let roll = up.y.atan2(up.z);
         let pitch = (-up.x).atan2(up.y.hypot(up.z));
         // Heading and level are those at the vehicle: turned to the axes of the origin.
-        let near = self.heard.gnss.back().map_or_else(Vector3::zeros, |(_, (antenna, _))| *antenna);
+        let before = || self.aged(t_keyframe, world).map_or_else(Vector3::zeros, |aged| aged.position_enu);
+        let near = self.heard.gnss.back().map_or_else(before, |(_, (antenna, _))| *antenna);
         let near = initial.position_enu.map_or(near, Vector3::from);
         let level = Rotation3::from_euler_angles(roll, pitch, 0.0);
         // Where x points at the reading, had the keyframe a yaw of 0: the rest is the yaw.
@@ -270,7 +271,12 @@ impl Initialiser {
                 let horizontal = sigma.hypot(0.3 * velocity.norm());
                 guess(velocity, Vector3::new(horizontal, horizontal, vertical))
             }
-            None => guess(Vector3::zeros(), isotropic(UNKNOWN_VELOCITY_SIGMA)),
+            None => match self.aged(t_keyframe, world) {
+                Some(aged) if aged.velocity_cov.diagonal().max() <= UNKNOWN_VELOCITY_SIGMA.powi(2) => {
+                    Velocity { velocity_enu: aged.velocity_enu, covariance: aged.velocity_cov, readings: Vec::new() }
+                }
+                _ => guess(Vector3::zeros(), isotropic(UNKNOWN_VELOCITY_SIGMA)),
+            },
         }
     }
 }

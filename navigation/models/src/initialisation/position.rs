@@ -1,4 +1,4 @@
-//! First position: a fix less its lever arm, else ranges of one epoch and the depth. It is the guess from which, and the choice of
+//! First position: a fix less its lever arm, else ranges of one epoch and the depth, else the last place known and the depth. It is the guess from which, and the choice of
 //! readings with which, [`Adjustment`] finds the position at the keyframe.
 //!
 //! Ranges to buoys at one height have two solutions, one the mirror of the other. Gauss-Newton starts on both sides, the
@@ -122,10 +122,17 @@ impl Initialiser {
         let has_common_offset = self.config.navigator.lbl_common_offset_sigma > 0.0;
         let needed = if has_common_offset { 4 } else { 3 };
         let ranges = self.heard.ranges.at(t_keyframe, needed, !has_common_offset);
-        if ranges.len() < needed {
-            return None;
-        }
-        let fix = self.multilaterate(&ranges, t_keyframe, r_enu_body, velocity, world)?;
+        let meeting = (ranges.len() >= needed)
+            .then(|| self.multilaterate(&ranges, t_keyframe, r_enu_body, velocity, world))
+            .flatten();
+        let Some(fix) = meeting else {
+            let aged = self.aged(t_keyframe, world)?;
+            return Some(Place {
+                position_enu: aged.position_enu,
+                covariance: aged.position_cov,
+                readings: depth.into_iter().collect(),
+            });
+        };
         let ranges = ranges.iter().map(|range| {
             let Range { t, buoy, epoch, range, buoy_enu, buoy_sigma } = *range;
             (t, Reading::Lbl { buoy, epoch, range, buoy_enu: buoy_enu.into(), buoy_sigma, is_moored: false })

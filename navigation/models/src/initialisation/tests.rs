@@ -432,3 +432,54 @@ fn a_heading_read_before_the_keyframe_in_a_turn_is_turned_along() {
     let heading = crate::sensors::McpModel::predicted_heading(&state, &world());
     assert!((heading - (0.4 - RATE)).abs() < 1e-4, "{heading}");
 }
+
+/// Of 20 s before the samples, 30 m west of the origin, sailing east at 1.5 m/s at 50 m depth.
+fn last_known() -> LastKnown {
+    let [lat_deg, lon_deg, height] = world().frame.origin().to_degrees();
+    let mut solution = shared_types::Solution { origin: [lat_deg, lon_deg, height], ..shared_types::Solution::empty() };
+    (solution.position_enu, solution.velocity_enu) = ([-30.0, 0.0, -50.0], [1.5, 0.0, 0.0]);
+    (0..6).for_each(|axis| solution.covariance[axis][axis] = 0.01);
+    LastKnown::of(&solution, Time::from_seconds(-20.0)).expect("valid")
+}
+
+#[test]
+fn where_nothing_tells_the_place_the_last_one_known_does_with_the_depth_and_its_age() {
+    let t = Time::from_seconds(3.0);
+    let mut config = config();
+    // The beginning of the mission, long ago.
+    config.vehicle.initial.t = Some(Time::from_seconds(17.0));
+    config.vehicle.initial.position_enu = Some([700.0, 0.0, 0.0]);
+    let mut initialiser = Initialiser::new(&config);
+    initialiser.remember(&last_known());
+    push_imu(&mut initialiser, 3.0, |_| at_rest());
+    push(&mut initialiser, 2.9, &Reading::Mcp { heading: HEADING });
+    let depth = config.vehicle.frame.surface_height + 48.0;
+    push(&mut initialiser, 2.9, &Reading::Ps { depth });
+    let (state, covariance) = initialiser.first_state(t, &world()).expect("all is there");
+    // 23 s at 1.5 m/s.
+    assert!((state.position_enu.x - 4.5).abs() < 0.1, "{}", state.position_enu);
+    assert!((state.position_enu.z + 48.0).abs() < 0.5, "{}", state.position_enu);
+    let sigma = |axis: usize| covariance[(axis, axis)].sqrt();
+    assert!((40.0..60.0).contains(&sigma(0)), "{} m", sigma(0));
+    assert!(sigma(2) < 1.0, "the pressure sensor has spoken: {} m", sigma(2));
+    assert!(covariance.cholesky().is_some());
+    // A fix knows better.
+    push(&mut initialiser, 2.8, &fix_at(Vector3::new(12.0, -7.0, -48.0)));
+    let (state, _) = initialiser.first_state(t, &world()).expect("all is there");
+    assert!((state.position_enu.xy() - nalgebra::Vector2::new(12.0, -7.0)).norm() < 0.5, "{}", state.position_enu);
+}
+
+#[test]
+fn a_last_place_that_has_grown_too_old_tells_nothing() {
+    let mut initialiser = Initialiser::new(&config());
+    initialiser.remember(&last_known());
+    let start = 600.0;
+    for index in 0..=600 {
+        let t = Time::from_seconds(start) + Duration(index * PERIOD);
+        let point = at_rest();
+        let reading = Reading::Imu { gyro_body: point.gyro_body.into(), accel_body: point.accel_body.into() };
+        initialiser.push(&Measurement::new(t, t, &reading));
+    }
+    push(&mut initialiser, start + 2.9, &Reading::Mcp { heading: HEADING });
+    assert!(initialiser.first_state(Time::from_seconds(start + 3.0), &world()).is_none());
+}
