@@ -163,6 +163,7 @@ pub fn run(args: &LatencyArgs) -> Outcome {
         source: &source_args,
         duration: None,
         out: None,
+        keep: None,
         headless: true,
         processes: &processes,
         web: None,

@@ -28,6 +28,8 @@ pub struct Wishes<'a> {
     pub duration: Option<f64>,
     /// Where a recording goes, if one is wanted.
     pub out: Option<PathBuf>,
+    /// What outlives a restart of the machine.
+    pub keep: Option<PathBuf>,
     /// Nothing is shown.
     pub headless: bool,
     /// What something else starts is none of this run's.
@@ -68,6 +70,11 @@ fn arguments(process: Process, wishes: &Wishes) -> Vec<OsString> {
         && let Some(out) = &wishes.out
     {
         push("--out", out.into());
+    }
+    if matches!(process, Process::Solver | Process::Preprocessor)
+        && let Some(keep) = &wishes.keep
+    {
+        push("--keep", keep.into());
     }
     if process == Process::Monitor
         && let Some(address) = wishes.web

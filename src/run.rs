@@ -41,6 +41,10 @@ pub struct RunArgs {
     /// solution. Where none was killed, the run begins as always.
     #[arg(long)]
     resume: bool,
+    /// Folder that outlives a restart of the machine, such as /var/lib/ilns: the last solution is kept there once a second, and a run that
+    /// begins within five minutes of it, after a restart, begins from it. It takes a clock that goes on without power.
+    #[arg(long, value_name = "DIR")]
+    keep: Option<PathBuf>,
     /// TOML file with cores, priorities and wake-ups of the processes, and which of them something else starts, such as a
     /// real driver.
     #[arg(long, value_name = "FILE")]
@@ -133,6 +137,7 @@ pub fn run(args: &RunArgs) -> Outcome {
         source: &args.source,
         duration: args.duration,
         out: args.out.clone(),
+        keep: args.keep.clone(),
         headless: args.headless,
         processes: &processes,
         web,

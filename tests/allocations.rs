@@ -172,11 +172,12 @@ fn driver_propagator_and_solver_allocate_nothing_once_they_are_warm() {
     }));
     let (args, stop) = (process.clone(), shutdown.clone());
     threads.push(start("solver", move || {
-        ilns_solver::run_until(&ilns_solver::Args { process: args }, &stop).map_err(|e| said(&e))
+        ilns_solver::run_until(&ilns_solver::Args { process: args, keep: None }, &stop).map_err(|e| said(&e))
     }));
     let (args, stop) = (process.clone(), shutdown.clone());
     threads.push(start("preprocessor", move || {
-        ilns_preprocessor::run_until(&ilns_preprocessor::Args { process: args }, &stop).map_err(|e| said(&e))
+        ilns_preprocessor::run_until(&ilns_preprocessor::Args { process: args, keep: None }, &stop)
+            .map_err(|e| said(&e))
     }));
     use Process::{EmulatorBuoys, EmulatorDvl, EmulatorImu, EmulatorLbl, EmulatorMcp, EmulatorPs};
     for emulator in [EmulatorBuoys, EmulatorLbl, EmulatorDvl, EmulatorMcp, EmulatorPs, EmulatorImu] {

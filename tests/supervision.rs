@@ -4,13 +4,17 @@
 mod harness;
 
 use std::io::Write;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use harness::{ILNS, PATIENCE, STOP_LIMIT, Set, adopt_orphans, assert_nothing_left, ilns, kill, lives, process};
+use ilns_recording::{Checkpoint, Durability, kept_file, read_checkpoint, write_checkpoint};
+use ilns_runtime::clocks_now;
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Signal;
 use serde_json::Value;
+use shared_types::Clocks;
 
 fn rate(status: &Value, channel: &str) -> f64 {
     let channels = status["channels"].as_array().expect("a list");
@@ -195,6 +199,49 @@ fn a_supervisor_that_resumes_goes_on_from_the_last_solution_beside_a_stopped_pro
     assert!(errors.contains("going on where a run under this prefix was killed"), "{errors}");
     assert!(errors.contains("taking up from the last solution"), "{errors}");
     assert_nothing_left(&next.prefix);
+}
+
+/// What is kept as it would be had an earlier start of the machine written it, so many seconds ago.
+fn as_of_another_boot(kept: &Path, age_s: i64) {
+    let checkpoint = read_checkpoint(kept).expect("it is whole").expect("it is there");
+    let Clocks { boot, mono, .. } = checkpoint.written;
+    let written = Clocks { boot: boot ^ 1, mono, wall: clocks_now().wall - age_s * 1_000_000_000 };
+    write_checkpoint(kept, &Checkpoint { written, ..checkpoint }, Durability::Power).expect("it is writable");
+}
+
+#[test]
+fn after_a_restart_of_the_machine_a_run_begins_from_the_last_place_kept_unless_nothing_tells_its_age() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let keep = folder.path().join("not/there/yet");
+    let mission = ["run", "--headless", "--scenario", "stable", "--rate", "4", "--log-level", "info", "--keep"];
+    let mission = [&mission[..], &[keep.to_str().expect("temporary paths are text")]].concat();
+    let solves = |status: &Value| rate(status, "nav/solution") > 1.0;
+    let run = |wanted: &dyn Fn(&Path) -> bool| {
+        let mut set = Set::start("reboots", &mission);
+        let kept = kept_file(&keep, &set.prefix);
+        set.status_when("solutions come and one is kept", |status| solves(status) && wanted(&kept));
+        set.signal(Signal::TERM);
+        let (code, errors) = set.end(STOP_LIMIT);
+        assert_eq!(code, Some(0), "{errors}");
+        assert_nothing_left(&set.prefix);
+        (kept, errors)
+    };
+    let (kept, errors) = run(&Path::exists);
+    assert!(!errors.contains("started anew"), "{errors}");
+    // Another run on the same start of the machine is another mission.
+    let is_ours = |kept: &Path| {
+        let found = read_checkpoint(kept).expect("it is whole").expect("it is there");
+        found.written.boot == clocks_now().boot
+    };
+    let (_, errors) = run(&is_ours);
+    assert!(!errors.contains("started anew"), "{errors}");
+    as_of_another_boot(&kept, 20);
+    let (_, errors) = run(&is_ours);
+    assert!(errors.contains("the machine was started anew: beginning from the last place kept"), "{errors}");
+    as_of_another_boot(&kept, -60);
+    let (_, errors) = run(&is_ours);
+    assert!(errors.contains("the clock was set back, and nothing tells its age"), "{errors}");
+    assert!(!errors.contains("beginning from the last place kept"), "{errors}");
 }
 
 #[test]

@@ -27,7 +27,11 @@ const TABLE: &[Row] = &[
     ("ilns-bus", &["shared-types"], &["ilns-runtime", "nav-geometry"]),
     ("ilns-runtime", &["shared-types"], &["nav-geometry", "nav-models", "ilns-bus"]),
     ("ilns-recording", &["shared-types", "nav-geometry"], &["ilns-runtime", "nav-fgo", "nav-pipeline"]),
-    ("ilns-preprocessor", &["ilns-runtime", "ilns-bus", "nav-preprocessing"], &["nav-models", "nav-fgo"]),
+    (
+        "ilns-preprocessor",
+        &["ilns-runtime", "ilns-bus", "nav-preprocessing", "ilns-recording"],
+        &["nav-models", "nav-fgo"],
+    ),
     ("ilns-solver", &["ilns-runtime", "ilns-bus", "nav-pipeline", "ilns-recording"], &["ilns-propagator"]),
     ("ilns-propagator", &["ilns-runtime", "ilns-bus", "nav-models", "nav-preprocessing"], &["nav-fgo", "ilns-solver"]),
     (

@@ -5,6 +5,7 @@
 
 mod calibration;
 mod channels;
+mod clocks;
 mod config;
 mod diagnostics;
 mod estimate;
@@ -26,6 +27,7 @@ pub mod channel {
     //! The channel table: one constant per channel, the only place that names them.
     pub use crate::channels::table::*;
 }
+pub use clocks::Clocks;
 pub use config::{Config, ConfigError, ConfigText};
 pub use diagnostics::{FACTORS_MAX, FactorReport, KeyframeReport};
 pub use estimate::{Mode, NavEstimate};

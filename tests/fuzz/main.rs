@@ -12,15 +12,16 @@ use ilns_monitor::Model;
 use ilns_propagator::FastPath;
 use ilns_recording::mcap::{McapWriter, RecorderStatus, export, inspect, recover};
 use ilns_recording::{
-    CheckpointTerms, LogDirectory, read_checkpoint, read_estimates, read_truth, read_tum, write_checkpoint,
+    Checkpoint, Durability, LogDirectory, read_checkpoint, read_estimates, read_truth, read_tum, write_checkpoint,
 };
 use ilns_runtime::{ProcessFile, StartClock};
 use mutation::{Spoilt, fuzz, wounded};
+use nav_pipeline::{ChosenEstimator, Effort, Estimator, LastKnown};
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use shared_types::{
-    Config, ConfigText, FrameOrigin, Header, Heartbeat, HopLatency, ImuSample, KeyframeReport, LblRange, Measurement,
-    Mode, NavEstimate, RawReading, Reading, SensorHealth, Solution, Time, Truth,
+    Clocks, Config, ConfigText, Duration, FrameOrigin, Header, Heartbeat, HopLatency, ImuSample, KeyframeCause,
+    KeyframeReport, LblRange, Measurement, Mode, NavEstimate, RawReading, Reading, SensorHealth, Solution, Time, Truth,
 };
 use tempfile::TempDir;
 
@@ -215,12 +216,14 @@ fn solution() -> Solution {
 /// As a checkpoint, whose checksum stands at bytes 12 to 16 and covers what follows.
 fn checkpoint(folder: &Path) -> (PathBuf, Vec<u8>) {
     let file = folder.join("solution");
-    write_checkpoint(&file, &solution(), 7).expect("writable");
+    write_checkpoint(&file, &written(), Durability::Process).expect("writable");
     let bytes = fs::read(&file).expect("just written");
     (file, bytes)
 }
 
-const TERMS: CheckpointTerms = CheckpointTerms { configuration: 7, mono: 2_000, max_age: 1_000_000 };
+fn written() -> Checkpoint {
+    Checkpoint { configuration: 7, written: Clocks { boot: 5, mono: 1_000, wall: 1_000 }, solution: solution() }
+}
 
 #[test]
 fn no_spoilt_checkpoint_is_taken_up() {
@@ -229,7 +232,7 @@ fn no_spoilt_checkpoint_is_taken_up() {
     fuzz("checkpoint", times(20_000), wounded(vec![good.clone()]), |Spoilt { bytes, .. }| {
         prop_assume!(bytes != good);
         fs::write(&file, bytes).expect("writable");
-        one_line(&read_checkpoint(&file, &TERMS).expect_err("it is spoilt"))
+        one_line(&read_checkpoint(&file).expect_err("it is spoilt"))
     });
 }
 
@@ -246,8 +249,8 @@ fn a_checkpoint_with_a_right_checksum_over_wrong_content_does_no_harm() {
             bytes.extend(crc32fast::hash(&payload).to_le_bytes());
             bytes.extend(payload);
             fs::write(&file, bytes).expect("writable");
-            match read_checkpoint(&file, &TERMS) {
-                Ok(Some(solution)) => stand_on(&solution),
+            match read_checkpoint(&file) {
+                Ok(Some(Checkpoint { solution, .. })) => stand_on(&solution).and_then(|()| begin_from(&solution)),
                 Ok(None) => unreachable!("the file is there"),
                 Err(error) => one_line(&error),
             }
@@ -269,6 +272,34 @@ fn stand_on(solution: &Solution) -> TestCaseResult {
     if let Some(estimate) = fast_path.without_imu(Time(18_000_000_000)) {
         is_sound(&estimate)?;
     }
+    Ok(())
+}
+
+/// A run that begins from the last place known, whatever that is, begins with numbers, or does not begin.
+fn begin_from(solution: &Solution) -> TestCaseResult {
+    let start = Time(20_000_000_000);
+    let Some(last) = LastKnown::of(solution, start) else { return Ok(()) };
+    let mut estimator = ChosenEstimator::new(&Config::default());
+    estimator.set_origin(&FrameOrigin { header: Header::at(start), lat_deg: 36.0, lon_deg: 127.0, height: 0.0 });
+    estimator.remember(&last);
+    let mut told = None;
+    let mut hear = |t: Time, reading: &Reading| {
+        if let Ok(Some(found)) = estimator.ingest(&Measurement::new(t, t, reading), Effort::Full) {
+            told = Some(found);
+        }
+    };
+    let end = start + Duration(2_500_000_000);
+    for step in 0..=50 {
+        let t = start + Duration(step * 50_000_000);
+        hear(t, &Reading::Imu { gyro_body: [0.0, 0.0, 0.1], accel_body: [0.0, 0.0, 9.8] });
+    }
+    hear(end, &Reading::Mcp { heading: 1.0 });
+    hear(end, &Reading::Keyframe { cause: KeyframeCause::Age });
+    let Some(told) = told else { return Ok(()) };
+    let vectors = [&told.position_enu[..], &told.velocity_enu, &told.q_enu_body];
+    let mut numbers = vectors.into_iter().chain(told.covariance.iter().map(|row| &row[..])).flatten();
+    prop_assert!(numbers.all(|number| number.is_finite()), "{:?}", told);
+    prop_assert!((0..15).all(|axis| told.covariance[axis][axis] > 0.0), "{:?}", told);
     Ok(())
 }
 

@@ -1,4 +1,5 @@
-//! The origin of the frame on disk, for as long as the run lasts: a restart of this process cannot move it.
+//! The origin of the frame on disk, for as long as the run lasts: a restart of this process cannot move it, and neither can one of
+//! the machine where solutions are kept for that: each of them names its frame.
 //!
 //! The bus cannot keep it: a channel's history dies with its sender. One line, `lat_deg lon_deg height t_ns`, in the
 //! shortest form that gives the same bits back.
@@ -7,8 +8,11 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use ilns_recording::{CheckpointTerms, Kept, configuration_hash, kept_file};
+use ilns_runtime::clocks_now;
 use nav_preprocessing::Preprocessor;
-use shared_types::{FrameOrigin, Header, Time};
+use shared_types::{Config, FrameOrigin, Header, Time};
+use tracing::{info, warn};
 
 use crate::error::PreprocessorError;
 
@@ -31,6 +35,31 @@ impl KeptOrigin {
         let Some(origin) = self.read()? else { return Ok(preprocessor) };
         let wrong = |source| PreprocessorError::OriginWrong { path: self.path.clone(), source };
         preprocessor.with_origin(origin).map_err(wrong)
+    }
+
+    /// A preprocessor with the origin that an earlier start of this run has kept. Where none has, and the machine was started anew since the
+    /// solution of `set` in `folder` was kept, the run goes on: its beginning is past, and its frame is that solution's unless the
+    /// configuration names one.
+    pub(crate) fn begin(
+        &self,
+        mut config: Config,
+        (folder, set): (Option<&Path>, &str),
+    ) -> Result<Preprocessor, PreprocessorError> {
+        let folder = if self.read()?.is_none() { folder } else { None };
+        let Some((path, kept)) = folder.and_then(|folder| of_before(folder, set, &config)) else {
+            return self.restore(Preprocessor::new(&config));
+        };
+        config.vehicle.initial.forget_state();
+        config.vehicle.initial.t = None;
+        let preprocessor = Preprocessor::new(&config);
+        if preprocessor.origin().is_some() {
+            return Ok(preprocessor);
+        }
+        info!("the machine was started anew: the frame stays where it was");
+        let [lat_deg, lon_deg, height] = kept.solution.origin;
+        // Of which time it is, the clock of the readings may not know any more.
+        let origin = FrameOrigin { header: Header::default(), lat_deg, lon_deg, height };
+        preprocessor.with_origin(origin).map_err(|source| PreprocessorError::OriginWrong { path, source })
     }
 
     fn read(&self) -> Result<Option<FrameOrigin>, PreprocessorError> {
@@ -62,6 +91,19 @@ impl KeptOrigin {
     }
 }
 
+/// The solution of `set` kept in `folder` before the machine was started anew, with its file, if it may be stood on.
+fn of_before(folder: &Path, set: &str, config: &Config) -> Option<(PathBuf, Kept)> {
+    let path = kept_file(folder, set);
+    let terms = CheckpointTerms::after_a_restart(configuration_hash(&config.to_toml()), clocks_now());
+    match terms.last_of_another_boot(&path) {
+        Ok(kept) => kept.map(|kept| (path, kept)),
+        Err(error) => {
+            warn!(%error, "the frame kept for a restart of the machine cannot be taken up; it is fixed anew");
+            None
+        }
+    }
+}
+
 fn parse(text: &str) -> Option<FrameOrigin> {
     let mut words = text.split_whitespace();
     let mut number = || words.next()?.parse().ok();
@@ -88,6 +130,36 @@ mod tests {
         };
         kept.write(&origin).unwrap();
         assert_eq!(kept.read().unwrap(), Some(origin));
+    }
+
+    #[test]
+    fn after_a_restart_of_the_machine_the_frame_is_that_of_the_kept_solution_unless_the_configuration_names_one() {
+        use ilns_recording::{Checkpoint, Durability, write_checkpoint};
+        use shared_types::{Clocks, Solution};
+
+        let folder = tempfile::tempdir().unwrap();
+        let of_run = KeptOrigin::in_folder(&folder.path().join("run"));
+        let config = Config::default();
+        let solution = Solution { origin: [36.38, 127.36, 20.5], ..Solution::empty() };
+        let now = clocks_now();
+        let keep = |config: &Config, written: Clocks| {
+            let checkpoint = Checkpoint { configuration: configuration_hash(&config.to_toml()), written, solution };
+            write_checkpoint(&kept_file(folder.path(), "main"), &checkpoint, Durability::Power).unwrap();
+        };
+        let origin = |config: &Config| {
+            let found = of_run.begin(config.clone(), (Some(folder.path()), "main")).unwrap();
+            found.origin().map(|origin| [origin.lat_deg, origin.lon_deg, origin.height])
+        };
+        assert_eq!(origin(&config), None, "none was kept");
+        keep(&config, now);
+        assert_eq!(origin(&config), None, "of this start of the machine");
+        keep(&config, Clocks { boot: now.boot ^ 1, ..now });
+        assert_eq!(origin(&config), Some(solution.origin));
+        keep(&config, Clocks { boot: now.boot ^ 1, wall: now.wall - 301_000_000_000, ..now });
+        assert_eq!(origin(&config), None, "of another mission");
+        let named = Config::load(&[], &["frame.origin=[10.0, 20.0, 0.0]".to_owned()]).unwrap();
+        keep(&named, Clocks { boot: now.boot ^ 1, ..now });
+        assert_eq!(origin(&named), Some([10.0, 20.0, 0.0]));
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The story of this process: wait, take in every reading, hand on what the preprocessor lets go, say how it goes.
 
+use std::path::PathBuf;
+
 use ilns_bus::{Bus, Prefix, Reader, Waiter};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use nav_preprocessing::Preprocessor;
@@ -16,6 +18,10 @@ pub struct Args {
     #[command(flatten)]
     #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
     pub process: ProcessArgs,
+    /// Folder that outlives a restart of the machine, where the solver keeps its last solution: the frame of a run that begins from that
+    /// stays where it was.
+    #[arg(long, value_name = "DIR")]
+    pub keep: Option<PathBuf>,
 }
 
 /// Runs the preprocessor until SIGTERM or SIGINT.
@@ -39,7 +45,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PreprocessorErr
     let mut outputs = Outputs::open(&bus)?;
     let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Preprocessor)? };
     let kept_origin = KeptOrigin::in_folder(&prefix.run_directory());
-    let mut preprocessor = kept_origin.restore(Preprocessor::new(&config))?;
+    let mut preprocessor = kept_origin.begin(config, (args.keep.as_deref(), prefix.name()))?;
     let mut origin_is_published = false;
     let mut account = Account::new(args.process.epoch);
     real_time.enter();

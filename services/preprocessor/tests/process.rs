@@ -28,6 +28,7 @@ impl Preprocessor {
                 log_level: "warn".to_owned(),
                 ..ProcessArgs::default()
             },
+            keep: None,
         };
         let shutdown = Shutdown::default();
         let stop = shutdown.clone();

@@ -1,22 +1,28 @@
-//! The last solution, kept on disk for the solver that comes after one that died.
+//! The last solution, kept on disk for the solver that comes after one that died, or after a restart of the machine.
 //!
 //! ```text
 //! "ILNSSOLN" | version u32 | CRC-32 of the payload u32 | payload: bincode, fixed-width integers, little endian
 //! ```
 //!
-//! The payload begins with a hash of the configuration that the solution was found with: a state in another vehicle's lever
-//! arms and frame is no state of this one. Whoever reads it says how old it may be.
+//! The payload begins with a hash of the configuration that the solution was found with (a state in another vehicle's lever
+//! arms and frame is no state of this one) and with what the machine's clocks said: whoever reads it judges by them how old it
+//! is, and whether a start of the machine lies between ([`CheckpointTerms`]).
 //!
 //! A latched message dies with its sender, so shared memory cannot keep it. Written whole or not at all (a second file, then
 //! a rename); read back only if magic, version, length and checksum agree.
 
-use std::fs;
+mod terms;
+
+use std::fs::{self, File};
+use std::io::Write;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use shared_types::{Header, Message, REJECT_REASONS, SensorCounts, Solution};
+use shared_types::{Clocks, Header, Message, REJECT_REASONS, SensorCounts, Solution};
 
 use crate::error::LogError;
+
+pub use terms::{CheckpointTerms, Kept, kept_file};
 
 const MAGIC: &[u8; 8] = b"ILNSSOLN";
 const HEAD: usize = MAGIC.len() + 8;
@@ -38,7 +44,7 @@ pub enum CheckpointError {
     /// Of another vehicle, or of this one with other settings.
     #[error("it was written under another configuration")]
     Configuration,
-    /// What happened since cannot be made up for; an age below zero is one of before a reboot.
+    /// What happened since cannot be made up for.
     #[error("it is stale: {age_s} s old, where {most_s} s can be made up for")]
     Stale {
         /// Its age, s.
@@ -46,17 +52,37 @@ pub enum CheckpointError {
         /// Largest that is taken, s.
         most_s: i64,
     },
+    /// The machine has been started since: its monotonic clock began anew.
+    #[error("it is of before the machine was started anew")]
+    OtherBoot,
+    /// Nothing tells its age.
+    #[error(
+        "by the machine's clock it was written {ahead_s} s from now: the clock was set back, and nothing tells its age"
+    )]
+    ClockRanBackwards {
+        /// How far ahead, s.
+        ahead_s: i64,
+    },
 }
 
-/// What a reader asks of a checkpoint beyond its being whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CheckpointTerms {
-    /// [`configuration_hash`] of the reader's own configuration.
+/// A solution and the circumstances under which it was written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// [`configuration_hash`] of the configuration that it was found with.
     pub configuration: u64,
-    /// CLOCK_MONOTONIC now, ns.
-    pub mono: i64,
-    /// Oldest that is taken, ns since its publication.
-    pub max_age: i64,
+    /// The machine's clocks when it was published.
+    pub written: Clocks,
+    /// Without its sender and how it was found.
+    pub solution: Solution,
+}
+
+/// What a checkpoint is to survive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Durability {
+    /// The end of the process that writes it.
+    Process,
+    /// The loss of power too: it is on the disk when the writing is over, which may take as long as the disk likes.
+    Power,
 }
 
 /// Tells configurations apart, given the whole effective one as TOML.
@@ -66,9 +92,11 @@ pub fn configuration_hash(toml: &str) -> u64 {
 
 /// What is kept of a [`Solution`]; the sender is not.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Kept {
+struct Layout {
     configuration: u64,
-    t_published: i64,
+    boot: u128,
+    mono: i64,
+    wall: i64,
     id: u64,
     t_keyframe: i64,
     origin: [f64; 3],
@@ -90,25 +118,46 @@ fn encoding() -> impl bincode::config::Config {
     bincode::config::standard().with_fixed_int_encoding().with_limit::<LIMIT>()
 }
 
-/// The layout that this program writes: that of the message itself.
+/// Of what stands beside the solution.
+const CIRCUMSTANCES: u32 = 2;
+
+/// The layout that this program writes: that of the message itself, and of what stands beside it.
 fn version() -> u32 {
-    (Solution::LAYOUT ^ (Solution::LAYOUT >> 32)) as u32
+    (Solution::LAYOUT ^ (Solution::LAYOUT >> 32)) as u32 ^ CIRCUMSTANCES
 }
 
-/// Writes the solution, published at its `header.t_published` under the hashed `configuration`, whole or not at all.
+/// Writes it whole or not at all.
 ///
 /// # Errors
 /// [`LogError::Io`].
-pub fn write_checkpoint(file: &Path, solution: &Solution, configuration: u64) -> Result<(), LogError> {
+pub fn write_checkpoint(file: &Path, checkpoint: &Checkpoint, durability: Durability) -> Result<(), LogError> {
     let partial = file.with_extension("partial");
-    fs::write(&partial, encode(solution, configuration)).map_err(LogError::io(&partial, "write"))?;
-    fs::rename(&partial, file).map_err(LogError::io(file, "write"))
+    let bytes = encode(checkpoint);
+    match durability {
+        Durability::Process => fs::write(&partial, bytes).map_err(LogError::io(&partial, "write"))?,
+        // A rename may reach the disk before what it names: a loss of power between the two would leave an empty file.
+        Durability::Power => {
+            let written =
+                File::create(&partial).and_then(|mut open| open.write_all(&bytes).and_then(|()| open.sync_data()));
+            written.map_err(LogError::io(&partial, "write"))?;
+        }
+    }
+    fs::rename(&partial, file).map_err(LogError::io(file, "write"))?;
+    match file.parent() {
+        Some(folder) if durability == Durability::Power => {
+            File::open(folder).and_then(|open| open.sync_all()).map_err(LogError::io(folder, "write"))
+        }
+        _ => Ok(()),
+    }
 }
 
-fn encode(solution: &Solution, configuration: u64) -> Vec<u8> {
-    let kept = Kept {
-        configuration,
-        t_published: solution.header.t_published,
+fn encode(checkpoint: &Checkpoint) -> Vec<u8> {
+    let Checkpoint { configuration, written, solution } = checkpoint;
+    let kept = Layout {
+        configuration: *configuration,
+        boot: written.boot,
+        mono: written.mono,
+        wall: written.wall,
         id: solution.id,
         t_keyframe: solution.t_keyframe,
         origin: solution.origin,
@@ -134,23 +183,23 @@ fn encode(solution: &Solution, configuration: u64) -> Vec<u8> {
     bytes
 }
 
-/// Reads a solution back; `Ok(None)` where there is no file.
+/// Reads a checkpoint back, whatever its circumstances; `Ok(None)` where there is no file.
 ///
 /// # Errors
-/// [`LogError::Checkpoint`] when the file holds no whole solution of this version on these terms, [`LogError::Io`].
-pub fn read_checkpoint(file: &Path, terms: &CheckpointTerms) -> Result<Option<Solution>, LogError> {
+/// [`LogError::Checkpoint`] when the file holds no whole solution of this version, [`LogError::Io`].
+pub fn read_checkpoint(file: &Path) -> Result<Option<Checkpoint>, LogError> {
     let bytes = match fs::read(file) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(LogError::io(file, "read")(error)),
     };
-    match decode(&bytes, terms) {
-        Ok(solution) => Ok(Some(solution)),
+    match decode(&bytes) {
+        Ok(checkpoint) => Ok(Some(checkpoint)),
         Err(reason) => Err(LogError::Checkpoint { file: file.to_owned(), reason }),
     }
 }
 
-fn decode(bytes: &[u8], terms: &CheckpointTerms) -> Result<Solution, CheckpointError> {
+fn decode(bytes: &[u8]) -> Result<Checkpoint, CheckpointError> {
     let (head, payload) = bytes.split_at_checked(HEAD).ok_or(CheckpointError::Foreign)?;
     let (magic, numbers) = head.split_at(MAGIC.len());
     if magic != MAGIC {
@@ -163,22 +212,15 @@ fn decode(bytes: &[u8], terms: &CheckpointTerms) -> Result<Solution, CheckpointE
     if checksum != crc32fast::hash(payload).to_le_bytes() {
         return Err(CheckpointError::Damaged);
     }
-    let (kept, used): (Kept, usize) =
+    let (kept, used): (Layout, usize) =
         bincode::serde::decode_from_slice(payload, encoding()).map_err(|_| CheckpointError::Damaged)?;
     // bincode accepts trailing bytes in silence.
     if used != payload.len() {
         return Err(CheckpointError::Damaged);
     }
-    if kept.configuration != terms.configuration {
-        return Err(CheckpointError::Configuration);
-    }
-    let age = terms.mono.saturating_sub(kept.t_published);
-    if !(0..=terms.max_age).contains(&age) {
-        const SECOND: i64 = 1_000_000_000;
-        return Err(CheckpointError::Stale { age_s: age.div_euclid(SECOND), most_s: terms.max_age / SECOND });
-    }
-    Ok(Solution {
-        header: Header { t_valid: kept.t_keyframe, t_published: kept.t_published, ..Header::default() },
+    let written = Clocks { boot: kept.boot, mono: kept.mono, wall: kept.wall };
+    let solution = Solution {
+        header: Header { t_valid: kept.t_keyframe, t_published: kept.mono, ..Header::default() },
         id: kept.id,
         t_keyframe: kept.t_keyframe,
         origin: kept.origin,
@@ -196,25 +238,26 @@ fn decode(bytes: &[u8], terms: &CheckpointTerms) -> Result<Solution, CheckpointE
         counts: kept.counts.map(|(used, rejected)| SensorCounts { used, rejected }),
         // How it was found is not kept.
         ..Solution::empty()
-    })
+    };
+    Ok(Checkpoint { configuration: kept.configuration, written, solution })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const PUBLISHED: i64 = 1_000_000_000_000;
-
-    const TERMS: CheckpointTerms =
-        CheckpointTerms { configuration: 0x1234_5678_9abc, mono: PUBLISHED + 500_000_000, max_age: 10_000_000_000 };
-
     fn whole() -> Vec<u8> {
-        encode(&solution(), TERMS.configuration)
+        encode(&checkpoint())
+    }
+
+    pub(super) fn checkpoint() -> Checkpoint {
+        let written = Clocks { boot: 0xfb11_e2d9 << 80, mono: 1_000_000_000_000, wall: 1_700_000_000_000_000_000 };
+        Checkpoint { configuration: 0x1234_5678_9abc, written, solution: solution() }
     }
 
     fn solution() -> Solution {
         let mut solution = Solution {
-            header: Header { t_valid: 17_000_000_000, t_published: PUBLISHED, ..Header::default() },
+            header: Header { t_valid: 17_000_000_000, t_published: 1_000_000_000_000, ..Header::default() },
             id: 41,
             t_keyframe: 17_000_000_000,
             origin: [36.38, 127.36, 0.0],
@@ -240,10 +283,10 @@ mod tests {
     fn a_solution_is_read_back_to_the_bit() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let file = folder.path().join("solution");
-        assert_eq!(read_checkpoint(&file, &TERMS).expect("no file is no error"), None);
-        write_checkpoint(&file, &solution(), TERMS.configuration).expect("it can be written");
-        write_checkpoint(&file, &solution(), TERMS.configuration).expect("it can be replaced");
-        assert_eq!(read_checkpoint(&file, &TERMS).expect("it can be read"), Some(solution()));
+        assert_eq!(read_checkpoint(&file).expect("no file is no error"), None);
+        write_checkpoint(&file, &checkpoint(), Durability::Process).expect("it can be written");
+        write_checkpoint(&file, &checkpoint(), Durability::Power).expect("it can be replaced");
+        assert_eq!(read_checkpoint(&file).expect("it can be read"), Some(checkpoint()));
     }
 
     #[test]
@@ -253,26 +296,12 @@ mod tests {
             for bit in 0..8 {
                 let mut damaged = whole.clone();
                 damaged[at] ^= 1 << bit;
-                assert!(decode(&damaged, &TERMS).is_err(), "byte {at}, bit {bit}");
+                assert!(decode(&damaged).is_err(), "byte {at}, bit {bit}");
             }
-            assert!(decode(&whole[..at], &TERMS).is_err(), "torn at {at}");
+            assert!(decode(&whole[..at]).is_err(), "torn at {at}");
         }
         let longer = [whole.as_slice(), &[0]].concat();
-        assert_eq!(decode(&longer, &TERMS), Err(CheckpointError::Damaged));
-    }
-
-    #[test]
-    fn another_configuration_or_time_is_refused_with_the_reason() {
-        let with = |terms: CheckpointTerms| decode(&whole(), &terms).map(|solution| solution.id);
-        assert_eq!(with(TERMS), Ok(41));
-        assert_eq!(with(CheckpointTerms { configuration: 1, ..TERMS }), Err(CheckpointError::Configuration));
-        let at = |mono: i64| with(CheckpointTerms { mono, ..TERMS });
-        assert_eq!([at(PUBLISHED), at(PUBLISHED + TERMS.max_age)], [Ok(41); 2]);
-        let stale = |age_s: i64| Err(CheckpointError::Stale { age_s, most_s: 10 });
-        assert_eq!(at(PUBLISHED + 11_000_000_000), stale(11));
-        // The monotonic clock began anew: the machine was rebooted.
-        assert_eq!(at(PUBLISHED - 1), stale(-1));
-        assert_ne!(configuration_hash("[dvl]\nsigma = 0.1\n"), configuration_hash("[dvl]\nsigma = 0.2\n"));
+        assert_eq!(decode(&longer), Err(CheckpointError::Damaged));
     }
 
     /// Splitmix64: every run damages in the same way.
@@ -324,9 +353,9 @@ mod tests {
             // Zeros over zeros, or a piece moved onto itself, damage nothing.
             if bytes != whole {
                 damaged += 1;
-                assert!(decode(&bytes, &TERMS).is_err(), "number {damaged}");
+                assert!(decode(&bytes).is_err(), "number {damaged}");
             }
         }
-        assert!(decode(&whole, &TERMS).is_ok());
+        assert!(decode(&whole).is_ok());
     }
 }

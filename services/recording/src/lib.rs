@@ -34,7 +34,10 @@ mod testing;
 mod text_file;
 mod tum_reader;
 
-pub use checkpoint::{CheckpointError, CheckpointTerms, configuration_hash, read_checkpoint, write_checkpoint};
+pub use checkpoint::{
+    Checkpoint, CheckpointError, CheckpointTerms, Durability, Kept, configuration_hash, kept_file, read_checkpoint,
+    write_checkpoint,
+};
 pub use directory::LogDirectory;
 pub use error::LogError;
 pub use estimate_reader::{EstimateReader, EstimateRow, read_estimates};

@@ -8,16 +8,37 @@
 //! common time.
 
 use core::fmt;
+use std::fs;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 use rustix::time::{ClockId, clock_gettime};
-use shared_types::{Duration, Time};
+use shared_types::{Clocks, Duration, Time};
 
 use crate::error::RuntimeError;
 
 /// CLOCK_MONOTONIC, ns. For latency and pacing only; it never reaches an estimator.
 pub fn monotonic_now() -> i64 {
     nanoseconds(ClockId::Monotonic)
+}
+
+/// Another text after each start of the machine.
+const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
+
+/// What the machine's clocks say now, for what is to be kept beyond this process. Like [`monotonic_now`], nothing for an estimator.
+pub fn clocks_now() -> Clocks {
+    Clocks { boot: boot(), mono: monotonic_now(), wall: nanoseconds(ClockId::Realtime) }
+}
+
+/// Which start of the machine this is; 0 where it does not say. Read once: it never changes, and whoever asks may be in a loop.
+fn boot() -> u128 {
+    static BOOT: OnceLock<u128> = OnceLock::new();
+    *BOOT.get_or_init(|| fs::read_to_string(BOOT_ID).ok().and_then(|text| boot_of(&text)).unwrap_or(0))
+}
+
+/// The number that a UUID writes.
+fn boot_of(text: &str) -> Option<u128> {
+    u128::from_str_radix(&text.trim().replace('-', ""), 16).ok()
 }
 
 pub(crate) fn nanoseconds(clock: ClockId) -> i64 {
@@ -89,6 +110,12 @@ mod tests {
         assert_eq!(clock.monotonic_of(Time(9_000_000_000)), 1_000_001_000);
         assert_eq!(clock.data_at(1_000_001_000), Time(9_000_000_000));
         assert_eq!(clock.data_at(-249_999_000), Time(4_000_000_000));
+    }
+
+    #[test]
+    fn a_boot_is_told_by_the_number_that_its_identifier_writes() {
+        assert_eq!(boot_of("00000000-0000-0000-0000-0000000001fe\n"), Some(0x1fe));
+        assert_eq!((boot_of(""), boot_of("no number")), (None, None));
     }
 
     #[test]

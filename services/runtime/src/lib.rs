@@ -29,7 +29,7 @@ mod real_time;
 mod shutdown;
 
 pub use arguments::{DEFAULT_PREFIX, NavigatorArgs, ProcessArgs};
-pub use clock::{StartClock, monotonic_now};
+pub use clock::{StartClock, clocks_now, monotonic_now};
 pub use configuration::{load_config, read_config_text};
 pub use error::RuntimeError;
 pub use exit::{FAILURE, exit_with, one_line};

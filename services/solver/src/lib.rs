@@ -2,6 +2,7 @@
 //!
 //! The estimating is `nav-fgo`'s; here a clock looks at it, and the queue says how hard it may work.
 
+mod beginning;
 mod error;
 mod keeper;
 mod ports;

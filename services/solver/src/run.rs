@@ -1,17 +1,18 @@
 //! The story of this process: wait for a keyframe's bracket, solve as hard as the queue allows, publish, say how it goes.
 
 use std::collections::VecDeque;
-use std::path::Path;
+use std::path::PathBuf;
 
 use ilns_bus::{Bus, Prefix, Reader, Waiter};
 use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
 use nav_pipeline::{ChosenEstimator, Effort, Estimator, EstimatorError};
 use rustix::time::{ClockId, clock_gettime};
-use shared_types::{Config, Measurement, Process, ProcessState, SENSORS, Time};
-use tracing::{debug, info, warn};
+use shared_types::{Measurement, Process, ProcessState, SENSORS};
+use tracing::{debug, warn};
 
+use crate::beginning::Beginning;
 use crate::error::SolverError;
-use crate::keeper::{self, Keeper};
+use crate::keeper::{Keeper, Places};
 use crate::ports::{Inputs, Outputs};
 
 /// Keyframes that may wait behind the one at hand before it is only taken in, and solved with a later one.
@@ -26,6 +27,10 @@ pub struct Args {
     #[command(flatten)]
     #[expect(missing_docs, reason = "a doc comment here would become the help text of the whole group")]
     pub process: ProcessArgs,
+    /// Folder that outlives a restart of the machine, such as /var/lib/ilns: the last solution is kept there once a second. After a restart
+    /// of at most five minutes the run begins from it where nothing else tells the place. It takes a clock that goes on without power.
+    #[arg(long, value_name = "DIR")]
+    pub keep: Option<PathBuf>,
 }
 
 /// Runs the solver until SIGTERM or SIGINT.
@@ -48,8 +53,9 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     let mut inputs = Inputs::open(&bus)?;
     let mut outputs = Outputs::open(&bus)?;
     let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Solver)? };
-    let keeper = Keeper::start(&prefix.run_directory(), &config);
-    let mut estimator = take_up(&prefix.run_directory(), &mut config, args.process.epoch > 0);
+    let places = Places::new(&prefix, args.keep.as_deref());
+    let mut keeper = Keeper::start(&places, &config);
+    let mut beginning = Beginning::find(&places, &mut config, &args.process);
     let mut heartbeat = HeartbeatBuilder::new(Process::Solver, args.process.epoch);
     heartbeat.state = ProcessState::Running;
     let mut behind = Behind::default();
@@ -60,7 +66,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     while !shutdown.requested() {
         waiter.wait();
         if let Some(origin) = inputs.frame_origin.newest() {
-            estimator.set_origin(&origin);
+            beginning.estimator.set_origin(&origin);
         }
         // Everything that has come, so that the number of keyframes in it says how far behind this process is.
         while let Some(measurement) = inputs.measurements.receive() {
@@ -82,7 +88,8 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
             } else {
                 Effort::Full
             };
-            ingest(&mut estimator, &measurement, effort, &keeper, &mut outputs, &mut heartbeat);
+            beginning.hear(&measurement);
+            ingest(&mut beginning.estimator, &measurement, effort, &mut keeper, &mut outputs, &mut heartbeat);
         }
         // A restarted propagator gets the latched solution without waiting for the next one.
         outputs.solution.update();
@@ -90,7 +97,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
         if monotonic_now() >= heartbeat.next_beat() {
             bus.check_owner()?;
         }
-        beat(&estimator, &inputs, &mut outputs, &mut heartbeat);
+        beat(&beginning.estimator, &inputs, &mut outputs, &mut heartbeat);
     }
     heartbeat.state = ProcessState::Stopping;
     outputs.health.publish(heartbeat.build());
@@ -135,37 +142,11 @@ impl Behind {
     }
 }
 
-/// An estimator that stands on the last solution of the one before, if there is one that can be stood on.
-///
-/// Where there is none although the run was under way (`restarted`, or a file was kept), the state that the configuration gives
-/// for its beginning is not that of now: it is forgotten, and the first state told from the data.
-fn take_up(run_directory: &Path, config: &mut Config, restarted: bool) -> ChosenEstimator {
-    let last = keeper::last_solution(run_directory, config);
-    let under_way = restarted || !matches!(last, Ok(None));
-    match last {
-        Ok(None) => {}
-        Ok(Some(solution)) => {
-            let mut estimator = ChosenEstimator::new(config);
-            if estimator.resume(&solution) {
-                let t_keyframe = Time(solution.t_keyframe);
-                info!(solution = solution.id, %t_keyframe, "taking up from the last solution");
-                return estimator;
-            }
-            warn!(solution = solution.id, "the last solution holds no valid state; initialising anew");
-        }
-        Err(error) => warn!(%error, "the last solution cannot be taken up; initialising anew"),
-    }
-    if under_way {
-        config.vehicle.initial.forget_state();
-    }
-    ChosenEstimator::new(config)
-}
-
 fn ingest(
     estimator: &mut ChosenEstimator,
     measurement: &Measurement,
     effort: Effort,
-    keeper: &Keeper,
+    keeper: &mut Keeper,
     outputs: &mut Outputs,
     heartbeat: &mut HeartbeatBuilder,
 ) {
