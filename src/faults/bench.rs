@@ -38,6 +38,13 @@ const SOLUTION: i64 = 30 * SECOND;
 /// not that of the next trial.
 const AFTERMATH: i64 = 8 * SECOND;
 
+/// After a loss of power, ns: until ranges and then satellites are heard again, and for a moment more.
+const UNDER_WATER: i64 = 28 * SECOND;
+
+/// Data time from a start of the machine until ranges are heard, and until satellites are, s.
+const WITHOUT_RANGES: f64 = 10.0;
+const WITHOUT_FIXES: f64 = 25.0;
+
 /// A trial that could not be made.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum BenchError {
@@ -122,8 +129,12 @@ impl Bench {
             self.until(SOLUTION, solution);
         }
         let is_well = self.settle();
-        let dies = class.victim == Process::Supervisor && class.is_a_kill();
-        let pause = self.draws.random_range(20..300) * MILLISECOND + if dies { AFTERMATH } else { 0 };
+        let aftermath = match class.deed {
+            Deed::PowerLoss => UNDER_WATER,
+            _ if class.victim == Process::Supervisor && class.is_a_kill() => AFTERMATH,
+            _ => 0,
+        };
+        let pause = self.draws.random_range(20..300) * MILLISECOND + aftermath;
         self.until(pause, |_| false);
         let said = class.expectations().into_iter().all(|expect| match expect {
             Expect::Says(line) => self.has_said(log_before, line),
@@ -136,17 +147,23 @@ impl Bench {
         }
         Ok(Found {
             figures: self.observer.take(),
-            // Others that wait for the CPU may be INVALID for a moment, too; that says nothing about this deed.
-            declared: self
-                .news
-                .invalid
-                .filter(|&published| class.victim == Process::EmulatorImu && published >= struck)
-                .map(|published| seconds(published - struck)),
+            declared: self.declared(class, struck, since),
             back: back.map(|published| seconds((published - since).max(0))),
             said,
             counted,
             collapsed,
         })
+    }
+
+    /// How long it took until the estimates said that something is wrong: from the deed on, or from the start of a set that comes
+    /// after a loss of power.
+    fn declared(&self, class: &Class, struck: i64, since: i64) -> Option<f64> {
+        if class.deed == Deed::PowerLoss {
+            return self.news.first.map(|published| seconds(published - since));
+        }
+        // Others that wait for the CPU may be INVALID for a moment, too; that says nothing about this deed.
+        let invalid = self.news.invalid.filter(|&published| published >= struck);
+        invalid.filter(|_| class.victim == Process::EmulatorImu).map(|published| seconds(published - struck))
     }
 
     /// Whether the set has gone so far through its mission, or so wrong, that another should take its place.
@@ -264,7 +281,25 @@ impl Bench {
                 }
                 Ok(monotonic_now())
             }
+            Deed::PowerLoss => {
+                let dark = self.draws.random_range(3_000..15_000) * MILLISECOND;
+                self.lose_power(dark)
+            }
         }
+    }
+
+    /// Lets everything be as after a loss of power that lasted so long, ns.
+    fn lose_power(&mut self, dark: i64) -> Result<i64, BenchError> {
+        self.consumer = None;
+        self.news.beats.clear();
+        self.set.lose_power()?;
+        self.until(dark, |_| false);
+        self.news.first = None;
+        let now = monotonic_now();
+        let t = self.set.data_now().as_seconds();
+        let silent = |sensor: &str, length: f64| format!("{sensor}.blackout@{t:.3}..{:.3}", t + length);
+        self.set.start_again(&[silent("lbl", WITHOUT_RANGES), silent("gnss", WITHOUT_FIXES)])?;
+        Ok(now)
     }
 
     /// Stops it and lets it go on, so many times in turn.

@@ -35,6 +35,9 @@ pub(super) enum Deed {
     SilentReader,
     /// Readers that are killed while they join and read.
     DyingReader,
+    /// Everybody is killed at once, and shared memory and the folder of the run are gone. After 3 to 15 s the machine has started again,
+    /// under water: no satellites for 25 s, and no ranges for 10 s.
+    PowerLoss,
 }
 
 /// In which way a checkpoint is spoilt.
@@ -53,6 +56,10 @@ pub(super) enum Damage {
 pub(super) enum Expect {
     /// An estimate for every inertial sample, in order: no way between two of them longer than one period.
     NoGap,
+    /// The first estimate, whose mode says what it is worth, from the start of the processes on.
+    Flagged(f64),
+    /// Largest error, sigmas, or what there was while nothing was done, where that is more.
+    Within(f64),
     /// The longest way between the data times of two estimates.
     Gap(f64),
     /// INVALID, from the deed on.
@@ -96,6 +103,7 @@ impl fmt::Display for Class {
             Deed::StarveAndHalt => write!(f, "every core kept busy for 10 s, {victim} stopped for most of it"),
             Deed::SilentReader => write!(f, "a reader that never reads"),
             Deed::DyingReader => write!(f, "readers killed while they read"),
+            Deed::PowerLoss => write!(f, "power lost under water for 3 to 15 s"),
         }
     }
 }
@@ -111,6 +119,7 @@ impl Class {
             (Deed::Kill | Deed::KillTwice, Process::EmulatorImu) => 1,
             (Deed::Stop, Process::EmulatorImu) => 2,
             (Deed::Kill | Deed::KillTwice, Process::Supervisor) => 28,
+            (Deed::PowerLoss, _) => 29,
             (Deed::Damage(_), _) => 30,
             (Deed::CheckpointDiskFull | Deed::RecordDiskFull, _) => 31,
             (Deed::Starve | Deed::StarveAndSlow | Deed::StarveAndHalt, _) => 32,
@@ -141,7 +150,7 @@ impl Class {
 
     /// Beyond the general rule: numbers finite, no error beyond five sigmas, everybody is back.
     pub(super) fn expectations(&self) -> Vec<Expect> {
-        use Expect::{Back, Counts, Declared, Gap, NoGap, Says, Step};
+        use Expect::{Back, Counts, Declared, Flagged, Gap, NoGap, Says, Step, Within};
         match (self.deed, self.victim) {
             (Deed::Nothing, _) => vec![NoGap],
             (Deed::Kill, Process::EmulatorImu) => vec![Declared(0.02), Back(0.5), Step(3.0)],
@@ -170,21 +179,24 @@ impl Class {
             ],
             (Deed::StarveAndHalt, _) => vec![NoGap, Says("the solver is behind"), Back(1.0), Step(3.0)],
             (Deed::StarveAndSlow, _) => vec![NoGap, Back(1.0), Step(1.0)],
+            // Two seconds of samples tell which way is down, and keyframes are a second apart.
+            (Deed::PowerLoss, _) => {
+                vec![Flagged(3.0), Back(5.0), Step(3.0), Within(3.0), Says("beginning from the last place kept")]
+            }
             (Deed::Starve | Deed::SilentReader | Deed::DyingReader, _) => vec![NoGap, Step(1.0)],
         }
     }
 }
 
 /// Classes of the catalogue that this bench does.
-pub(super) const LIVE: [u8; 9] = [1, 2, 26, 27, 28, 30, 31, 32, 33];
+pub(super) const LIVE: [u8; 10] = [1, 2, 26, 27, 28, 29, 30, 31, 32, 33];
 
 /// Classes of the catalogue that this bench cannot do, with the reason.
-pub(super) const MISSING: [(u8, &str); 3] = [
+pub(super) const MISSING: [(u8, &str); 2] = [
     (
         21,
         "missing: a step of the machine's clock needs its rights and disturbs everybody on it; stamps are stepped in replay",
     ),
-    (29, "missing: needs a reboot of the machine"),
     (34, "missing: there is no reloading of settings"),
 ];
 
@@ -207,6 +219,8 @@ pub(super) fn besides_kills(victims: &[Process]) -> Vec<Class> {
             to_solver(Deed::StarveAndHalt),
             own(Process::Supervisor, Deed::SilentReader),
             own(Process::Supervisor, Deed::DyingReader),
+            own(Process::Supervisor, Deed::PowerLoss),
+            own(Process::Supervisor, Deed::PowerLoss),
         ])
         .collect()
 }

@@ -28,6 +28,8 @@ pub(super) struct News {
     pub(super) beats: BTreeMap<Process, Word>,
     /// Publication of the newest valid estimate and the start counter of its propagator.
     pub(super) valid: Option<(i64, u32)>,
+    /// Publication of the first estimate of whatever mode since this was last emptied.
+    pub(super) first: Option<i64>,
     /// Publication of the first INVALID estimate since this was last emptied.
     pub(super) invalid: Option<i64>,
     /// Publication of the newest solution.
@@ -67,6 +69,7 @@ impl Consumer {
         while let Some(estimate) = self.estimates.receive() {
             let published = estimate.header.t_published;
             news.t_valid = estimate.header.t_valid;
+            news.first.get_or_insert(published);
             if is_valid(&estimate) {
                 news.valid = Some((published, estimate.header.epoch));
             } else if estimate.mode() == Mode::Invalid {

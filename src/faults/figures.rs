@@ -152,15 +152,20 @@ fn variances(estimate: &NavEstimate) -> [f64; 3] {
     [0, 3, 5].map(|at| estimate.position_cov[at])
 }
 
-/// How far the second lies from where the velocities lead from the first, in sigmas of the axis where that is most.
+/// How far the second lies from where the velocities lead from the first, in sigmas of the axis where that is most. After a long gap
+/// the sigmas of the velocities count: they lead there only so well.
 fn step(first: &NavEstimate, second: &NavEstimate) -> f64 {
     let dt = (second.t_valid() - first.t_valid()).as_seconds();
     let (before, after) = (variances(first), variances(second));
+    let of_way = |axis: usize| {
+        let at = [0, 3, 5][axis];
+        0.25 * dt * dt * (first.velocity_cov[at] + second.velocity_cov[at])
+    };
     let of_axis = |axis: usize| {
         let way = 0.5 * (first.velocity_enu[axis] + second.velocity_enu[axis]) * dt;
         let step = second.position_enu[axis] - first.position_enu[axis] - way;
         // Where the sigma grows with the step (a gap is over), the estimate has said so.
-        step.abs() / before[axis].max(after[axis]).sqrt()
+        step.abs() / (before[axis].max(after[axis]) + of_way(axis)).sqrt()
     };
     (0..3).map(of_axis).fold(0.0, f64::max)
 }

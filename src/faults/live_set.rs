@@ -7,17 +7,22 @@ use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread;
+use std::time::Duration;
 
 use ilns_bus::Prefix;
+use ilns_recording::{Checkpoint, Durability, kept_file, read_checkpoint, write_checkpoint};
 use ilns_runtime::{StartClock, monotonic_now};
 use rustix::process::{Pid, Resource, Rlimit, Signal, getrlimit, kill_process, prlimit};
-use shared_types::Process;
+use shared_types::{Clocks, Process, Time};
 
 use crate::faults::mission;
 use crate::legacy::leave;
 
 /// From the start to the first reading, ns.
 const LEAD: i64 = 800_000_000;
+
+/// How long killed processes may take to be gone, ns.
+const DEATH: i64 = 2_000_000_000;
 
 /// The set at work; dropped, it is killed.
 #[derive(Debug)]
@@ -27,6 +32,8 @@ pub(super) struct LiveSet {
     child: Child,
     /// How often a supervisor was started: each records into a folder of its own.
     starts: u32,
+    /// The clock of the world, which goes on whatever happens to the set.
+    clock: StartClock,
 }
 
 impl LiveSet {
@@ -38,16 +45,59 @@ impl LiveSet {
         let clock = StartClock { data: mission::START, mono: monotonic_now(), rate };
         let begun = StartClock { data: clock.data_at(clock.mono - LEAD), ..clock };
         leave(&folder, &begun)?;
-        let child = spawn(prefix, scratch, starts)?;
-        Ok(LiveSet { prefix: prefix.clone(), scratch: scratch.to_owned(), child, starts })
+        let child = spawn(prefix, scratch, starts, &[])?;
+        Ok(LiveSet { prefix: prefix.clone(), scratch: scratch.to_owned(), child, starts, clock: begun })
     }
 
     /// Another supervisor in the place of one that was killed.
     pub(super) fn take_over(&mut self) -> std::io::Result<()> {
         self.child.wait()?;
         self.starts += 1;
-        self.child = spawn(&self.prefix, &self.scratch, self.starts)?;
+        self.child = spawn(&self.prefix, &self.scratch, self.starts, &[])?;
         Ok(())
+    }
+
+    /// What a loss of power leaves: nobody lives, nothing is in memory or in /tmp, and what is kept on the disk is of an earlier start
+    /// of the machine.
+    pub(super) fn lose_power(&mut self) -> io::Result<()> {
+        // Stopped first, it starts none of those anew that go before it.
+        signal(self.child.id(), Signal::STOP)?;
+        let children = self.children();
+        for (pid, _) in &children {
+            signal(*pid, Signal::KILL)?;
+        }
+        self.child.kill()?;
+        self.child.wait()?;
+        let limit = monotonic_now() + DEATH;
+        while children.iter().any(|(pid, _)| name_of(*pid).is_some()) && monotonic_now() < limit {
+            thread::sleep(Duration::from_millis(1));
+        }
+        for path in leftovers(&self.prefix) {
+            if path.is_dir() { fs::remove_dir_all(path)? } else { fs::remove_file(path)? }
+        }
+        let kept = kept_file(&keep(&self.scratch), self.prefix.name());
+        let Some(checkpoint) = read_checkpoint(&kept).map_err(io::Error::other)? else {
+            return Err(io::Error::new(io::ErrorKind::NotFound, format!("{}: nothing was kept", kept.display())));
+        };
+        // Another start of the machine has another name, and its monotonic clock counted from elsewhere. The wall clock goes on.
+        let Clocks { boot, mono, wall } = checkpoint.written;
+        let written = Clocks { boot: boot ^ 1, mono: mono / 3, wall };
+        write_checkpoint(&kept, &Checkpoint { written, ..checkpoint }, Durability::Power).map_err(io::Error::other)
+    }
+
+    /// The machine is started again: the same command, on a world that has gone on, with faults of its sensors.
+    pub(super) fn start_again(&mut self, faults: &[String]) -> io::Result<()> {
+        let folder = self.prefix.run_directory();
+        fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder)?;
+        leave(&folder, &self.clock)?;
+        self.starts += 1;
+        self.child = spawn(&self.prefix, &self.scratch, self.starts, faults)?;
+        Ok(())
+    }
+
+    /// Data time now.
+    pub(super) fn data_now(&self) -> Time {
+        self.clock.data_now()
     }
 
     /// How often a supervisor was started so far.
@@ -107,7 +157,7 @@ impl Drop for LiveSet {
     }
 }
 
-fn spawn(prefix: &Prefix, scratch: &Path, starts: u32) -> std::io::Result<Child> {
+fn spawn(prefix: &Prefix, scratch: &Path, starts: u32, faults: &[String]) -> std::io::Result<Child> {
     let mut log = OpenOptions::new().append(true).create(true).open(log_file(scratch))?;
     // With a monitor, which shows itself to nobody here: it is a part of the set, and dies like the others.
     let mut arguments: Vec<OsString> =
@@ -117,6 +167,8 @@ fn spawn(prefix: &Prefix, scratch: &Path, starts: u32) -> std::io::Result<Child>
     arguments.extend(["--prefix".into(), prefix.name().into()]);
     arguments.extend(["--scenario".into(), mission::write(scratch)?.into()]);
     arguments.extend(["--out".into(), record(scratch, starts).into()]);
+    arguments.extend(["--keep".into(), keep(scratch).into()]);
+    faults.iter().for_each(|fault| arguments.extend(["--fault".into(), fault.into()]));
     let mut child = Command::new(std::env::current_exe()?)
         .args(arguments)
         .stdin(Stdio::null())
@@ -153,6 +205,11 @@ fn log_file(scratch: &Path) -> PathBuf {
 
 fn record(scratch: &Path, starts: u32) -> PathBuf {
     scratch.join(format!("record-{starts}"))
+}
+
+/// What outlives a loss of power.
+fn keep(scratch: &Path) -> PathBuf {
+    scratch.join("keep")
 }
 
 /// By its command line; `None` between its birth and its own name.

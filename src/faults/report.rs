@@ -20,7 +20,7 @@ const PERIOD: i64 = 5_000_000;
 pub(super) struct Found {
     /// From the deed to its end until it was recovered.
     pub(super) figures: Figures,
-    /// Until INVALID was published; `None`: it was not.
+    /// Until INVALID was published, and after a loss of power any estimate, whose mode says what it is worth; `None`: it was not.
     pub(super) declared: Option<f64>,
     /// Until the victim was back; `None`: it was not.
     pub(super) back: Option<f64>,
@@ -38,6 +38,8 @@ impl Expect {
             Expect::NoGap => "an estimate for every sample (gap, s)".to_owned(),
             Expect::Gap(limit) => format!("gap <= {limit} s"),
             Expect::Declared(limit) => format!("INVALID <= {limit} s"),
+            Expect::Flagged(limit) => format!("first estimate <= {limit} s"),
+            Expect::Within(limit) => format!("error <= {limit} sigma or clean"),
             Expect::Back(limit) => format!("back <= {limit} s"),
             Expect::Step(limit) => format!("step <= {limit} sigma or clean"),
             Expect::Says(line) => format!("says \"{line}\""),
@@ -51,7 +53,8 @@ impl Expect {
         match self {
             Expect::NoGap => (found.figures.gap as f64 * 1e-9, found.figures.gap <= PERIOD),
             Expect::Gap(limit) => at_most(found.figures.gap as f64 * 1e-9, limit),
-            Expect::Declared(limit) => at_most(found.declared.unwrap_or(f64::INFINITY), limit),
+            Expect::Declared(limit) | Expect::Flagged(limit) => at_most(found.declared.unwrap_or(f64::INFINITY), limit),
+            Expect::Within(limit) => at_most(found.figures.worst, limit.max(clean.worst)),
             Expect::Back(limit) => at_most(found.back.unwrap_or(f64::INFINITY), limit),
             Expect::Step(limit) => at_most(found.figures.step, limit.max(clean.step)),
             Expect::Says(_) => (f64::from(u8::from(found.said)), found.said),
@@ -362,7 +365,7 @@ mod tests {
         let text = report.markdown();
         assert!(text.contains("| F26 | solver: kill -9 | 2 | 1 | 1 |"), "{text}");
         assert!(text.contains("an estimate for every sample (gap, s): 1, 0.010"), "{text}");
-        assert!(text.contains("| F29 | missing"), "{text}");
+        assert!(text.contains("| F34 | missing"), "{text}");
     }
 
     #[test]
