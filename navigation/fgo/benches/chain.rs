@@ -1,4 +1,5 @@
-//! The block-tridiagonal solve: our kernels beside `nalgebra`'s Cholesky and products on the same recursion, in one run.
+//! The block-tridiagonal solve: our kernels, with wide instructions and with those that every processor has, beside `nalgebra`'s
+//! Cholesky and products on the same recursion, in one run.
 //!
 //! `cargo bench -p nav-fgo`
 
@@ -70,6 +71,9 @@ fn solves(criterion: &mut Criterion) {
         assert!(difference < 1e-12, "{difference}");
         group.bench_with_input(BenchmarkId::new("ours", count), &count, |bencher, _| {
             bencher.iter(|| black_box(wide!(ours(black_box(&mut chain)))));
+        });
+        group.bench_with_input(BenchmarkId::new("ours, narrow instructions", count), &count, |bencher, _| {
+            bencher.iter(|| black_box(ours(black_box(&mut chain))));
         });
         group.bench_with_input(BenchmarkId::new("nalgebra", count), &count, |bencher, _| {
             bencher.iter(|| black_box(wide!(theirs(black_box(&chain)))));

@@ -251,6 +251,32 @@ fn a_heading_near_the_vertical_is_not_usable_and_its_sigma_grows_before() {
     assert_relative_eq!(ratio.sqrt(), 1.0 / 1.2_f64.cos(), max_relative = 1e-3);
 }
 
+/// What settles most cases at a glance must never settle one otherwise than the vertical at the vehicle does.
+#[test]
+fn a_heading_is_usable_by_the_vertical_at_the_vehicle_however_far_from_the_origin() {
+    let world = world();
+    let (mut usable, mut unusable, mut between) = (0, 0, 0);
+    for k in 0..4000 {
+        let [a, b, c] = [0.7, 1.9, 0.013].map(|rate| f64::from(k) * rate);
+        let mut state = NavState::identity();
+        state.position_enu = Vector3::new(a.sin(), a.cos(), 0.0) * (1.5e6 * c.sin().powi(2));
+        // Nose up or down, around the limit of 78 degrees from level.
+        let pitch = 1.369 + 0.25 * b.sin();
+        state.q_enu_body =
+            nalgebra::UnitQuaternion::from_euler_angles(0.3 * a, if k % 2 == 0 { pitch } else { -pitch }, b);
+        let level = world.frame.east_and_north_at(&state.position_enu).map(|axis| state.r_enu_body().tr_mul(&axis).x);
+        let cosine = level[0].hypot(level[1]);
+        // At the limit itself rounding decides.
+        if (cosine - 0.2).abs() > 1e-9 {
+            assert_eq!(McpModel::is_usable(&state, &world), cosine > 0.2, "{k}: cosine of pitch {cosine}");
+        }
+        usable += usize::from(cosine > 0.25);
+        unusable += usize::from(cosine < 0.15);
+        between += usize::from((0.18..0.22).contains(&cosine));
+    }
+    assert!(usable.min(unusable).min(between) > 100, "{usable} {unusable} {between}");
+}
+
 #[test]
 fn meridian_convergence_is_that_of_the_method() {
     // E·tan φ/N per kilometre east at 36°: 0.0066°.
