@@ -15,6 +15,7 @@ mod legacy;
 mod plan;
 mod processes;
 mod recording;
+mod reload;
 mod restarts;
 mod run;
 mod status;
@@ -66,6 +67,9 @@ enum Command {
     Recording(recording::RecordingArgs),
     /// Show the processes and channels of a running set.
     Status(status::StatusArgs),
+    /// Give a running set another configuration of its aiding sensors, whole or not at all, without a restart. `--config FILE` is a whole one, as
+    /// at the start; without it, `--set` and the others change the one in force.
+    Reload(reload::ReloadArgs),
     /// Hold the channels of a set whose processes something else starts, such as systemd. Must be started first.
     Bus(hold::BusArgs),
     #[command(flatten)]
@@ -87,6 +91,7 @@ fn main() -> ExitCode {
         Command::View(args) => exit_with("view", view::run(&args)),
         Command::Recording(args) => exit_with("recording", recording::run(&args)),
         Command::Status(args) => exit_with("status", status::run(&args)),
+        Command::Reload(args) => exit_with("reload", reload::run(&args)),
         Command::Bus(args) => exit_with("bus", hold::run(&args)),
         Command::Process(command) => exit_with(command.name(), command.run()),
     }

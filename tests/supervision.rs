@@ -245,6 +245,42 @@ fn after_a_restart_of_the_machine_a_run_begins_from_the_last_place_kept_unless_n
 }
 
 #[test]
+fn another_configuration_is_taken_up_as_a_whole_by_a_set_that_goes_on_or_changes_nothing() {
+    let mission = ["run", "--headless", "--scenario", "stable", "--rate", "4", "--log-level", "info"];
+    let mut set = Set::start("reloads", &mission);
+    let solves = |status: &Value| rate(status, "nav/solution") > 1.0;
+    set.status_when("solutions come", solves);
+    let reload = |arguments: &[&str]| {
+        let output = ilns(&[&["reload", "--prefix", set.prefix.as_str()], arguments].concat());
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let cases: [(&[&str], &str); 4] = [
+        (&["--set", "dvl.sigma=-1"], "dvl.sigma"),
+        (&["--set", "dvl.sgma=1"], "did you mean `dvl.sigma`?"),
+        (&["--no-dvl", "--estimator", "ekf"], "`estimator` cannot change under way"),
+        (&["--config", "/no/such.toml"], "/no/such.toml"),
+    ];
+    for (arguments, named) in cases {
+        let (code, errors) = reload(arguments);
+        assert_eq!((code, errors.lines().count()), (Some(2), 1), "{arguments:?}: {errors}");
+        assert!(errors.starts_with("ilns reload: ") && errors.contains(named), "{errors}");
+    }
+    assert_eq!(reload(&["--no-dvl", "--set", "ps.sigma=0.05"]), (Some(0), String::new()));
+    let status = set.status_when("solutions come again", solves);
+    let solver = process(&status, "solver")["pid"].as_u64().expect("a number") as u32;
+    // Whoever comes in its place goes on under the same.
+    kill(solver, Signal::KILL);
+    set.status_when("it is back", |status| process(status, "solver")["restarts"] == 1 && solves(status));
+    set.signal(Signal::TERM);
+    let (code, errors) = set.end(STOP_LIMIT);
+    assert_eq!(code, Some(0), "{errors}");
+    assert_eq!(errors.matches("another configuration is in force").count(), 2, "{errors}");
+    assert!(errors.contains("the configuration is the one that was reloaded"), "{errors}");
+    assert!(errors.contains("taking up from the last solution"), "{errors}");
+    assert_nothing_left(&set.prefix);
+}
+
+#[test]
 fn channels_can_be_held_for_processes_that_something_else_starts() {
     let mut bus = Set::start("held", &["bus"]);
     bus.status_when("the bus is up", |status| process(status, "supervisor")["state"] == "running");

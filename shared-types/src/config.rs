@@ -76,6 +76,14 @@ pub enum ConfigError {
         /// What is wrong.
         message: String,
     },
+    /// A value that is sound, and cannot take the place of the one in force.
+    #[error(
+        "`{key}` cannot change under way: only [lbl], [gnss], [dvl], [mcp], [ps] and [buoys] can (end the run and begin anew)"
+    )]
+    UnderWay {
+        /// `section.key`.
+        key: String,
+    },
 }
 
 /// A value outside its domain, before it is known where it was written.
@@ -143,12 +151,16 @@ impl Config {
 
     /// The whole effective configuration as TOML; [`Config::load`] reads it back to the same.
     pub fn to_toml(&self) -> String {
-        let table = if self.table.is_empty() {
+        self.effective().to_string()
+    }
+
+    /// Every key with its value.
+    pub(crate) fn effective(&self) -> Table {
+        if self.table.is_empty() {
             effective(&vehicle::Sections::default(), &navigator::Sections::default())
         } else {
             self.table.clone()
-        };
-        table.to_string()
+        }
     }
 }
 

@@ -19,6 +19,7 @@ mod reject;
 mod sensor;
 mod solution;
 mod time;
+mod under_way;
 mod vehicle;
 
 pub use calibration::{CALIBRATIONS, Calibration};

@@ -137,6 +137,11 @@ impl BuoyTracks {
         tracks
     }
 
+    /// From now on drifting buoys are used up to this age.
+    pub(crate) fn hold_for(&mut self, max_age: Duration) {
+        self.max_age = max_age;
+    }
+
     /// Takes a fix in.
     ///
     /// # Errors

@@ -121,6 +121,13 @@ impl Preprocessor {
         Ok(self)
     }
 
+    /// Goes on under another configuration, of which only what [`Config::may_become`] lets change is taken: what is known of buoys, clocks
+    /// and instruments stays.
+    pub fn go_on_under(&mut self, config: &Config) {
+        self.buoys.hold_for(config.navigator.buoy_max_age);
+        (self.vehicle, self.navigator) = (config.vehicle.clone(), config.navigator.clone());
+    }
+
     /// Takes one reading in; what it lets go is handed to `emit` in the order of the contract of [`Measurement`].
     pub fn push(&mut self, reading: &RawReading, emit: &mut impl FnMut(Measurement)) {
         self.health[reading.sensor().index()].received += 1;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use ilns_bus::{Bus, Prefix, Reader, Waiter};
-use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
+use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Reloads, Shutdown, monotonic_now};
 use nav_preprocessing::Preprocessor;
 use shared_types::{Header, Measurement, Process, ProcessState, Sensor};
 use tracing::{info, warn};
@@ -37,7 +37,7 @@ pub fn run(args: &Args) -> Result<(), PreprocessorError> {
 /// # Errors
 /// [`PreprocessorError`] when it cannot begin.
 pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PreprocessorError> {
-    let config = args.process.load_config()?;
+    let mut config = args.process.load_config()?;
     let real_time = args.process.real_time(Process::Preprocessor)?;
     let prefix = Prefix::new(&args.process.prefix)?;
     let bus = Bus::join(&prefix, Process::Preprocessor, args.process.epoch)?;
@@ -45,13 +45,19 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PreprocessorErr
     let mut outputs = Outputs::open(&bus)?;
     let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Preprocessor)? };
     let kept_origin = KeptOrigin::in_folder(&prefix.run_directory());
-    let mut preprocessor = kept_origin.begin(config, (args.keep.as_deref(), prefix.name()))?;
+    let mut reloads = Reloads::begin(Process::Preprocessor, &prefix.run_directory(), &mut config);
+    let mut preprocessor = kept_origin.begin(config.clone(), (args.keep.as_deref(), prefix.name()))?;
     let mut origin_is_published = false;
     let mut account = Account::new(args.process.epoch);
     real_time.enter();
 
     while !shutdown.requested() {
         waiter.wait();
+        if let Some(newer) = reloads.take(&config, monotonic_now()) {
+            preprocessor.go_on_under(&newer);
+            config = newer;
+            info!("another configuration is in force");
+        }
         let mut closed_a_keyframe = false;
         inputs.drain(&mut |reading| {
             account.received(reading.header());

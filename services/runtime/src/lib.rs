@@ -26,6 +26,7 @@ mod logging;
 mod notify;
 mod process_file;
 mod real_time;
+mod reload;
 mod shutdown;
 
 pub use arguments::{DEFAULT_PREFIX, NavigatorArgs, ProcessArgs};
@@ -38,4 +39,5 @@ pub use latency::Latency;
 pub use logging::{LogFormat, start_logging};
 pub use process_file::{ProcessFile, ProcessFileError, ProcessSettings, WakeUp};
 pub use real_time::RealTime;
+pub use reload::{NOTICE, Reloads, config_in_force, leave_config};
 pub use shutdown::Shutdown;

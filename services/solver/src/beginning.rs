@@ -4,7 +4,7 @@
 use ilns_recording::{CheckpointError, Kept, LogError};
 use ilns_runtime::{ProcessArgs, monotonic_now};
 use nav_pipeline::{ChosenEstimator, LastKnown};
-use shared_types::{Config, Duration, Measurement, Sensor, Time};
+use shared_types::{Config, Duration, FrameOrigin, Measurement, Sensor, Solution, Time};
 use tracing::{info, warn};
 
 use crate::keeper::Places;
@@ -13,6 +13,8 @@ use crate::keeper::Places;
 pub(crate) struct Beginning {
     pub(crate) estimator: ChosenEstimator,
     waiting: Option<OfBefore>,
+    /// What it was told of before the machine was started anew.
+    last_known: Option<LastKnown>,
 }
 
 /// A solution of before the machine was started anew. How old it is on the clock of the readings, the first of them tells.
@@ -29,7 +31,7 @@ impl Beginning {
     ///
     /// Where there is none although the run was under way (restarted, or a file was left), the state that the configuration gives
     /// for its beginning is not that of now: it is forgotten, and the first state told from the data and from what was kept.
-    pub(crate) fn find(places: &Places, config: &mut Config, process: &ProcessArgs) -> Beginning {
+    pub(crate) fn find(places: &Places, config: &Config, process: &ProcessArgs) -> Beginning {
         let last = places.last_solution(config);
         let mut is_under_way = process.epoch > 0 || !matches!(last, Ok(None));
         match last {
@@ -39,7 +41,7 @@ impl Beginning {
                 if estimator.resume(&solution) {
                     let t_keyframe = Time(solution.t_keyframe);
                     info!(solution = solution.id, %t_keyframe, "taking up from the last solution");
-                    return Beginning { estimator, waiting: None };
+                    return Beginning { estimator, waiting: None, last_known: None };
                 }
                 warn!(solution = solution.id, "the last solution holds no valid state; initialising anew");
             }
@@ -51,12 +53,26 @@ impl Beginning {
             None
         });
         is_under_way |= kept.is_some();
+        let mut config = config.clone();
         if is_under_way {
             config.vehicle.initial.forget_state();
         }
         let rate = process.start.map_or(1.0, |start| start.rate);
         let waiting = kept.map(|kept| OfBefore { kept, mono: monotonic_now(), rate });
-        Beginning { estimator: ChosenEstimator::new(config), waiting }
+        Beginning { estimator: ChosenEstimator::new(&config), waiting, last_known: None }
+    }
+
+    /// An estimator under another configuration takes the place of this one, on the last solution where there is one.
+    pub(crate) fn go_on_under(&mut self, next: &Config, stand: Option<&Solution>, origin: Option<&FrameOrigin>) {
+        let mut estimator = ChosenEstimator::new(next);
+        let stands = stand.is_some_and(|solution| estimator.resume(solution));
+        if !stands {
+            // Nothing was solved yet, or nothing valid: it begins as this one would have begun.
+            origin.inspect(|origin| estimator.set_origin(origin));
+            self.last_known.inspect(|last| estimator.remember(last));
+        }
+        info!(stands, "another configuration is in force");
+        self.estimator = estimator;
     }
 
     /// Hears what comes, until the first inertial sample has told which data time it is.
@@ -72,6 +88,7 @@ impl Beginning {
                 let age_s = (measurement.t_valid() - t).as_seconds();
                 warn!(solution = id, age_s, "the machine was started anew: beginning from the last place kept");
                 self.estimator.remember(&last);
+                self.last_known = Some(last);
             }
             None => warn!(solution = id, "the solution kept for a restart of the machine holds no valid state"),
         }
@@ -97,7 +114,7 @@ impl OfBefore {
 
 #[cfg(test)]
 mod tests {
-    use shared_types::{Reading, Solution};
+    use shared_types::Reading;
 
     use super::*;
 

@@ -71,6 +71,11 @@ impl Keeper {
         }
     }
 
+    /// What follows was found with another configuration.
+    pub(crate) fn go_on_under(&mut self, config: &Config) {
+        self.configuration = configuration_hash(&config.to_toml());
+    }
+
     /// Keeps this solution, unless a writer is still busy with two others.
     pub(crate) fn keep(&mut self, solution: &Solution) {
         let checkpoint = Checkpoint { configuration: self.configuration, written: clocks_now(), solution: *solution };

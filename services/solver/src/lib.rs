@@ -6,6 +6,7 @@ mod beginning;
 mod error;
 mod keeper;
 mod ports;
+mod recent;
 mod run;
 
 pub use error::SolverError;

@@ -4,16 +4,17 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use ilns_bus::{Bus, Prefix, Reader, Waiter};
-use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Shutdown, monotonic_now};
+use ilns_runtime::{HeartbeatBuilder, ProcessArgs, Reloads, Shutdown, monotonic_now};
 use nav_pipeline::{ChosenEstimator, Effort, Estimator, EstimatorError};
 use rustix::time::{ClockId, clock_gettime};
-use shared_types::{Measurement, Process, ProcessState, SENSORS};
+use shared_types::{Measurement, Process, ProcessState, SENSORS, Solution};
 use tracing::{debug, warn};
 
 use crate::beginning::Beginning;
 use crate::error::SolverError;
 use crate::keeper::{Keeper, Places};
 use crate::ports::{Inputs, Outputs};
+use crate::recent::Recent;
 
 /// Keyframes that may wait behind the one at hand before it is only taken in, and solved with a later one.
 const HOLD_BEHIND: usize = 3;
@@ -53,9 +54,12 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
     let mut inputs = Inputs::open(&bus)?;
     let mut outputs = Outputs::open(&bus)?;
     let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Solver)? };
+    let mut reloads = Reloads::begin(Process::Solver, &prefix.run_directory(), &mut config);
     let places = Places::new(&prefix, args.keep.as_deref());
     let mut keeper = Keeper::start(&places, &config);
-    let mut beginning = Beginning::find(&places, &mut config, &args.process);
+    let mut beginning = Beginning::find(&places, &config, &args.process);
+    let mut recent = Recent::new();
+    let mut origin = None;
     let mut heartbeat = HeartbeatBuilder::new(Process::Solver, args.process.epoch);
     heartbeat.state = ProcessState::Running;
     let mut behind = Behind::default();
@@ -65,8 +69,9 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
 
     while !shutdown.requested() {
         waiter.wait();
-        if let Some(origin) = inputs.frame_origin.newest() {
-            beginning.estimator.set_origin(&origin);
+        if let Some(newest) = inputs.frame_origin.newest() {
+            beginning.estimator.set_origin(&newest);
+            origin = Some(newest);
         }
         // Everything that has come, so that the number of keyframes in it says how far behind this process is.
         while let Some(measurement) = inputs.measurements.receive() {
@@ -74,6 +79,12 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
                 heartbeat.received(&measurement.header);
             }
             waiting.push_back(measurement);
+        }
+        if let Some(next) = reloads.take(&config, monotonic_now()) {
+            beginning.go_on_under(&next, recent.stand(&config, &next).as_ref(), origin.as_ref());
+            keeper.go_on_under(&next);
+            config = next;
+            recent.take().rev().for_each(|measurement| waiting.push_front(measurement));
         }
         let mut keyframes = waiting.iter().filter(|measurement| measurement.kind == Measurement::KEYFRAME).count();
         while let Some(measurement) = waiting.pop_front() {
@@ -89,7 +100,12 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
                 Effort::Full
             };
             beginning.hear(&measurement);
-            ingest(&mut beginning.estimator, &measurement, effort, &mut keeper, &mut outputs, &mut heartbeat);
+            recent.hear(&measurement);
+            if let Some(solution) =
+                ingest(&mut beginning.estimator, &measurement, effort, &mut keeper, &mut outputs, &mut heartbeat)
+            {
+                recent.solved(&solution);
+            }
         }
         // A restarted propagator gets the latched solution without waiting for the next one.
         outputs.solution.update();
@@ -142,6 +158,7 @@ impl Behind {
     }
 }
 
+/// Returns the solution that it has published.
 fn ingest(
     estimator: &mut ChosenEstimator,
     measurement: &Measurement,
@@ -149,7 +166,7 @@ fn ingest(
     keeper: &mut Keeper,
     outputs: &mut Outputs,
     heartbeat: &mut HeartbeatBuilder,
-) {
+) -> Option<Solution> {
     // Asking the clock costs more than taking in a sample.
     let began = if measurement.kind == Measurement::KEYFRAME { thread_cpu_ns() } else { 0 };
     match estimator.ingest(measurement, effort) {
@@ -171,6 +188,7 @@ fn ingest(
             if let Some(lagged) = estimator.lagged() {
                 outputs.lagged.publish(lagged);
             }
+            return Some(solution);
         }
         Ok(None) => {}
         // After a restart the channel's history repeats what the solution already covers: no news.
@@ -179,6 +197,7 @@ fn ingest(
         }
         Err(error) => debug!(t = %measurement.t_valid(), %error, "measurement refused"),
     }
+    None
 }
 
 /// CPU time of this thread, ns.
