@@ -171,11 +171,11 @@ fn trials(
             }
             None => break,
         };
-        let found = match bench.carry_out(&class) {
+        let found = match bench.make_ready(&class, matrix).and_then(|()| bench.carry_out(&class)) {
             Err(BenchError::Stopped) => break,
             other => other?,
         };
-        info!(fault = %class, back_s = found.back, figures = ?found.figures, "done");
+        info!(fault = %class, back_s = found.back, step_at_take = found.step_at_take, figures = ?found.figures, "done");
         kills += class.kills();
         matrix.enter(&class, &found);
         if bench.is_spent() {

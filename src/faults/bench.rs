@@ -45,6 +45,24 @@ const UNDER_WATER: i64 = 28 * SECOND;
 const WITHOUT_RANGES: f64 = 10.0;
 const WITHOUT_FIXES: f64 = 25.0;
 
+/// Configurations that are to be refused: a value out of its domain, no key, and what may not change, also beside what may.
+const BAD: [&[&str]; 6] = [
+    &["--set", "dvl.sigma=-1"],
+    &["--set", "dvl.sgma=1"],
+    &["--set", "estimator=ekf"],
+    &["--set", "imu.gyro_noise_density=1"],
+    &["--set", "dvl.sigma=0.02", "--set", "frame.origin=[0.0, 0.0, 0.0]"],
+    &["--config", "/dev/null"],
+];
+
+/// Data time at which the DVL is taken off, and for how long it is missed, s.
+const SWAP_AT: f64 = 45.0;
+const SWAP_TAKES: f64 = 3.0;
+
+/// How the one that is put on is mounted, deg: that of the mission, turned about its own vertical.
+const TURN: f64 = 90.0;
+const TURNED: &[&str] = &["--set", "dvl.mounting_rpy=[-0.3, -0.5, 93.0]", "--set", "dvl.sigma=0.03"];
+
 /// A trial that could not be made.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum BenchError {
@@ -72,6 +90,11 @@ pub(super) struct Bench {
     news: News,
     /// When the first signal of this trial was sent, monotonic ns.
     struck: Option<i64>,
+    /// Whether requests for another configuration were answered as they ought to be.
+    answered: bool,
+    step_at_take: f64,
+    /// The world is not as the other trials expect it.
+    is_spoilt: bool,
 }
 
 impl Bench {
@@ -83,7 +106,7 @@ impl Bench {
         draws: Pcg64,
         shutdown: Shutdown,
     ) -> Result<Bench, BenchError> {
-        let set = LiveSet::start(prefix, scratch, rate, 0)?;
+        let set = LiveSet::start(prefix, scratch, rate, 0, &[])?;
         let mut bench = Bench {
             prefix: prefix.clone(),
             scratch: scratch.to_owned(),
@@ -95,6 +118,9 @@ impl Bench {
             observer: Observer::default(),
             news: News::default(),
             struck: None,
+            answered: false,
+            step_at_take: 0.0,
+            is_spoilt: false,
         };
         bench.settle()?;
         bench.observer.take();
@@ -119,7 +145,7 @@ impl Bench {
         self.news.invalid = None;
         let dropped = |bench: &Bench| bench.news.beats.get(&class.victim).map_or(0, |word| word.dropped);
         let dropped_before = dropped(self);
-        self.struck = None;
+        (self.struck, self.answered, self.step_at_take) = (None, false, 0.0);
         let since = self.act(class)?;
         let struck = self.struck.unwrap_or(since);
         let back = self.back(class, since);
@@ -150,6 +176,8 @@ impl Bench {
             declared: self.declared(class, struck, since),
             back: back.map(|published| seconds((published - since).max(0))),
             said,
+            step_at_take: self.step_at_take,
+            answered: self.answered,
             counted,
             collapsed,
         })
@@ -168,14 +196,31 @@ impl Bench {
 
     /// Whether the set has gone so far through its mission, or so wrong, that another should take its place.
     pub(super) fn is_spent(&mut self) -> bool {
-        self.news.t_valid > mission::END.0 || self.news.given_up || self.set.has_ended()
+        self.is_spoilt || self.news.t_valid > mission::END.0 || self.news.given_up || self.set.has_ended()
     }
 
     /// Stops the set, tells the matrix what it has left, and starts another.
     pub(super) fn begin_anew(&mut self, matrix: &mut Matrix) -> Result<(), BenchError> {
+        self.begin_anew_with(&[], matrix)
+    }
+
+    /// Another set where a class needs a world of its own.
+    pub(super) fn make_ready(&mut self, class: &Class, matrix: &mut Matrix) -> Result<(), BenchError> {
+        if class.deed != Deed::Swap {
+            return Ok(());
+        }
+        let back = SWAP_AT + SWAP_TAKES;
+        let faults = [format!("dvl.blackout@{SWAP_AT}..{back}"), format!("dvl.mounting={TURN}@{SWAP_AT}..")];
+        self.begin_anew_with(&faults, matrix)?;
+        self.is_spoilt = true;
+        Ok(())
+    }
+
+    fn begin_anew_with(&mut self, faults: &[String], matrix: &mut Matrix) -> Result<(), BenchError> {
+        self.is_spoilt = false;
         self.consumer = None;
         let starts = self.set.starts() + 1;
-        let fresh = |bench: &Bench| LiveSet::start(&bench.prefix, &bench.scratch, bench.rate, starts);
+        let fresh = |bench: &Bench| LiveSet::start(&bench.prefix, &bench.scratch, bench.rate, starts, faults);
         // The old one has to be gone before the new one takes its prefix.
         let (code, left) = self.set.stop()?;
         matrix.set_ended(code, left.iter().map(|path| path.display().to_string()));
@@ -281,10 +326,64 @@ impl Bench {
                 }
                 Ok(monotonic_now())
             }
+            Deed::Reload => self.reload(),
+            Deed::Swap => self.swap(),
             Deed::PowerLoss => {
                 let dark = self.draws.random_range(3_000..15_000) * MILLISECOND;
                 self.lose_power(dark)
             }
+        }
+    }
+
+    /// What is refused, what is taken up for 5 s, and the configuration as it was.
+    fn reload(&mut self) -> Result<i64, BenchError> {
+        let before = self.set.in_force()?;
+        let mut answered = true;
+        for bad in BAD {
+            answered &= !self.request(bad)?;
+        }
+        // Had one been left for them, they would have looked by then.
+        self.until(2 * SECOND, |_| false);
+        answered &= self.set.in_force()? == before;
+        answered &= self.take_up(&["--set", "dvl.sigma=0.05", "--set", "lbl.sigma=1.0", "--set", "mcp.sigma=0.05"])?;
+        self.until(5 * SECOND, |_| false);
+        let file = self.scratch.join("before.toml");
+        fs::write(&file, &before)?;
+        answered &= self.take_up(&["--config", &file.to_string_lossy()])?;
+        self.answered = answered && self.set.in_force()? == before;
+        Ok(monotonic_now())
+    }
+
+    /// Tells of another DVL while it is being put on, and sails on with it.
+    fn swap(&mut self) -> Result<i64, BenchError> {
+        let half_way = SWAP_AT + 0.5 * SWAP_TAKES;
+        self.until(PATIENCE, |bench| bench.set.data_now().as_seconds() > half_way);
+        self.answered = self.take_up(TURNED)?;
+        self.until(20 * SECOND, |_| false);
+        Ok(monotonic_now())
+    }
+
+    /// Asks for what is to be taken up, and sees what the estimate does meanwhile and for a second more.
+    fn take_up(&mut self, arguments: &[&str]) -> Result<bool, BenchError> {
+        self.observer.recent_step();
+        let taken = self.request(arguments)?;
+        self.until(SECOND, |_| false);
+        self.step_at_take = self.step_at_take.max(self.observer.recent_step());
+        Ok(taken)
+    }
+
+    /// Asks for another configuration and listens until there is an answer: whether it was taken up.
+    fn request(&mut self, arguments: &[&str]) -> Result<bool, BenchError> {
+        let mut request = self.set.reload(arguments)?;
+        loop {
+            if let Some(status) = request.try_wait()? {
+                return Ok(status.success());
+            }
+            if self.shutdown.requested() {
+                request.kill().and_then(|()| request.wait())?;
+                return Err(BenchError::Stopped);
+            }
+            self.until(20 * MILLISECOND, |_| false);
         }
     }
 

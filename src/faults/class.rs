@@ -38,6 +38,10 @@ pub(super) enum Deed {
     /// Everybody is killed at once, and shared memory and the folder of the run are gone. After 3 to 15 s the machine has started again,
     /// under water: no satellites for 25 s, and no ranges for 10 s.
     PowerLoss,
+    /// `ilns reload` with what is wrong or may not change, and then with other noises, and back after 5 s.
+    Reload,
+    /// The DVL is taken off and another put on, turned by a right angle; `ilns reload` tells of its mounting and noise.
+    Swap,
 }
 
 /// In which way a checkpoint is spoilt.
@@ -70,6 +74,10 @@ pub(super) enum Expect {
     Step(f64),
     /// A line of the log holds this.
     Says(&'static str),
+    /// Largest step while another configuration is taken up, sigmas, or what there was while nothing was done, where that is more.
+    StepAtTake(f64),
+    /// What is wrong or may not change was refused and has changed nothing, and the rest was taken up.
+    Answered,
     /// The victim has counted so many messages as dropped, at least.
     Counts(u64),
 }
@@ -104,6 +112,8 @@ impl fmt::Display for Class {
             Deed::SilentReader => write!(f, "a reader that never reads"),
             Deed::DyingReader => write!(f, "readers killed while they read"),
             Deed::PowerLoss => write!(f, "power lost under water for 3 to 15 s"),
+            Deed::Reload => write!(f, "six bad configurations, then other noises and back"),
+            Deed::Swap => write!(f, "another DVL, turned by 90 deg, is told of"),
         }
     }
 }
@@ -120,6 +130,8 @@ impl Class {
             (Deed::Stop, Process::EmulatorImu) => 2,
             (Deed::Kill | Deed::KillTwice, Process::Supervisor) => 28,
             (Deed::PowerLoss, _) => 29,
+            (Deed::Reload, _) => 34,
+            (Deed::Swap, _) => 35,
             (Deed::Damage(_), _) => 30,
             (Deed::CheckpointDiskFull | Deed::RecordDiskFull, _) => 31,
             (Deed::Starve | Deed::StarveAndSlow | Deed::StarveAndHalt, _) => 32,
@@ -150,7 +162,7 @@ impl Class {
 
     /// Beyond the general rule: numbers finite, no error beyond five sigmas, everybody is back.
     pub(super) fn expectations(&self) -> Vec<Expect> {
-        use Expect::{Back, Counts, Declared, Flagged, Gap, NoGap, Says, Step, Within};
+        use Expect::{Answered, Back, Counts, Declared, Flagged, Gap, NoGap, Says, Step, StepAtTake, Within};
         match (self.deed, self.victim) {
             (Deed::Nothing, _) => vec![NoGap],
             (Deed::Kill, Process::EmulatorImu) => vec![Declared(0.02), Back(0.5), Step(3.0)],
@@ -183,22 +195,20 @@ impl Class {
             (Deed::PowerLoss, _) => {
                 vec![Flagged(3.0), Back(5.0), Step(3.0), Within(3.0), Says("beginning from the last place kept")]
             }
+            (Deed::Reload | Deed::Swap, _) => vec![NoGap, Answered, StepAtTake(0.5), Back(1.0)],
             (Deed::Starve | Deed::SilentReader | Deed::DyingReader, _) => vec![NoGap, Step(1.0)],
         }
     }
 }
 
 /// Classes of the catalogue that this bench does.
-pub(super) const LIVE: [u8; 10] = [1, 2, 26, 27, 28, 29, 30, 31, 32, 33];
+pub(super) const LIVE: [u8; 12] = [1, 2, 26, 27, 28, 29, 30, 31, 32, 33, 34, 35];
 
 /// Classes of the catalogue that this bench cannot do, with the reason.
-pub(super) const MISSING: [(u8, &str); 2] = [
-    (
-        21,
-        "missing: a step of the machine's clock needs its rights and disturbs everybody on it; stamps are stepped in replay",
-    ),
-    (34, "missing: there is no reloading of settings"),
-];
+pub(super) const MISSING: [(u8, &str); 1] = [(
+    21,
+    "missing: a step of the machine's clock needs its rights and disturbs everybody on it; stamps are stepped in replay",
+)];
 
 /// What is done to a set besides killing, with how often: once for each of `victims` where no victim is named by the deed.
 pub(super) fn besides_kills(victims: &[Process]) -> Vec<Class> {
@@ -221,6 +231,8 @@ pub(super) fn besides_kills(victims: &[Process]) -> Vec<Class> {
             own(Process::Supervisor, Deed::DyingReader),
             own(Process::Supervisor, Deed::PowerLoss),
             own(Process::Supervisor, Deed::PowerLoss),
+            to_solver(Deed::Reload),
+            to_solver(Deed::Swap),
         ])
         .collect()
 }
@@ -236,7 +248,7 @@ mod tests {
         for victim in [Process::EmulatorImu, Process::Supervisor, Process::Solver, Process::Recorder] {
             numbers.push(Class { victim, deed: Deed::Kill }.number());
         }
-        for number in [1, 2, 21, 26, 27, 28, 29, 30, 31, 32, 33, 34] {
+        for number in [1, 2, 21, 26, 27, 28, 29, 30, 31, 32, 33, 34, 35] {
             assert_eq!(numbers.contains(&number), LIVE.contains(&number), "F{number}");
             assert_ne!(LIVE.contains(&number), MISSING.iter().any(|(missing, _)| *missing == number), "F{number}");
         }

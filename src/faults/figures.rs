@@ -61,6 +61,8 @@ pub(super) struct Observer {
     last: Option<NavEstimate>,
     last_published: Option<i64>,
     last_keyframe: Option<i64>,
+    /// Largest step since it was last asked for.
+    recent_step: f64,
     estimates: VecDeque<NavEstimate>,
     truths: VecDeque<Truth>,
 }
@@ -74,6 +76,11 @@ impl Observer {
     /// Figures since the last call.
     pub(super) fn take(&mut self) -> Figures {
         std::mem::take(&mut self.figures)
+    }
+
+    /// Largest step since the last call, sigmas.
+    pub(super) fn recent_step(&mut self) -> f64 {
+        std::mem::take(&mut self.recent_step)
     }
 
     /// Another set, another mission: nothing is compared across.
@@ -96,7 +103,9 @@ impl Observer {
         }
         if let Some(last) = self.last {
             figures.gap = figures.gap.max(estimate.header.t_valid - last.header.t_valid);
-            figures.step = figures.step.max(step(&last, estimate));
+            let step = step(&last, estimate);
+            figures.step = figures.step.max(step);
+            self.recent_step = self.recent_step.max(step);
         }
         self.last = Some(*estimate);
         if self.estimates.len() == WAITING {

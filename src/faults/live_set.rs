@@ -37,15 +37,21 @@ pub(super) struct LiveSet {
 }
 
 impl LiveSet {
-    /// Starts it on the bench's mission, a moment before the estimation begins.
-    pub(super) fn start(prefix: &Prefix, scratch: &Path, rate: f64, starts: u32) -> std::io::Result<LiveSet> {
+    /// Starts it on the bench's mission, a moment before the estimation begins, with faults of its sensors.
+    pub(super) fn start(
+        prefix: &Prefix,
+        scratch: &Path,
+        rate: f64,
+        starts: u32,
+        faults: &[String],
+    ) -> std::io::Result<LiveSet> {
         // Data time need not begin at the mission's beginning: this set goes on where none has been.
         let folder = prefix.run_directory();
         fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder)?;
         let clock = StartClock { data: mission::START, mono: monotonic_now(), rate };
         let begun = StartClock { data: clock.data_at(clock.mono - LEAD), ..clock };
         leave(&folder, &begun)?;
-        let child = spawn(prefix, scratch, starts, &[])?;
+        let child = spawn(prefix, scratch, starts, faults)?;
         Ok(LiveSet { prefix: prefix.clone(), scratch: scratch.to_owned(), child, starts, clock: begun })
     }
 
@@ -93,6 +99,18 @@ impl LiveSet {
         self.starts += 1;
         self.child = spawn(&self.prefix, &self.scratch, self.starts, faults)?;
         Ok(())
+    }
+
+    /// The configuration that the solver has taken up, as it says.
+    pub(super) fn in_force(&self) -> io::Result<String> {
+        fs::read_to_string(self.prefix.run_directory().join("in-force-solver.toml"))
+    }
+
+    /// Asks the set to take up another configuration.
+    pub(super) fn reload(&self, arguments: &[&str]) -> io::Result<Child> {
+        let mut request = Command::new(std::env::current_exe()?);
+        let request = request.args(["reload", "--prefix", self.prefix.name()]).args(arguments);
+        request.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()
     }
 
     /// Data time now.

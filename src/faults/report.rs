@@ -26,6 +26,10 @@ pub(super) struct Found {
     pub(super) back: Option<f64>,
     /// Whether the expected lines were said.
     pub(super) said: bool,
+    /// Largest step while another configuration was taken up, sigmas.
+    pub(super) step_at_take: f64,
+    /// Whether requests for another configuration were answered as they ought to be.
+    pub(super) answered: bool,
     /// Messages that the victim has counted as dropped meanwhile.
     pub(super) counted: u64,
     /// Somebody was given up, or the whole set ended.
@@ -43,6 +47,8 @@ impl Expect {
             Expect::Back(limit) => format!("back <= {limit} s"),
             Expect::Step(limit) => format!("step <= {limit} sigma or clean"),
             Expect::Says(line) => format!("says \"{line}\""),
+            Expect::StepAtTake(limit) => format!("step at the change <= {limit} sigma or clean"),
+            Expect::Answered => "bad configurations refused and nothing changed, good ones taken up".to_owned(),
             Expect::Counts(least) => format!("at least {least} messages counted as dropped"),
         }
     }
@@ -58,6 +64,8 @@ impl Expect {
             Expect::Back(limit) => at_most(found.back.unwrap_or(f64::INFINITY), limit),
             Expect::Step(limit) => at_most(found.figures.step, limit.max(clean.step)),
             Expect::Says(_) => (f64::from(u8::from(found.said)), found.said),
+            Expect::StepAtTake(limit) => at_most(found.step_at_take, limit.max(clean.step)),
+            Expect::Answered => (f64::from(u8::from(found.answered)), found.answered),
             Expect::Counts(least) => (found.counted as f64, found.counted >= least),
         }
     }
@@ -365,7 +373,7 @@ mod tests {
         let text = report.markdown();
         assert!(text.contains("| F26 | solver: kill -9 | 2 | 1 | 1 |"), "{text}");
         assert!(text.contains("an estimate for every sample (gap, s): 1, 0.010"), "{text}");
-        assert!(text.contains("| F34 | missing"), "{text}");
+        assert!(text.contains("| F21 | missing"), "{text}");
     }
 
     #[test]
