@@ -214,8 +214,18 @@ impl Propagator {
             held.header = header;
             return Ok(Some(held));
         }
-        self.last = self.estimate(header);
+        self.last = self.estimate(&self.increment, header);
         Ok(Some(self.last))
+    }
+
+    /// Goes through the motions of [`Propagator::advance`] as if the last sample were heard again `dt_s` later, and changes nothing:
+    /// instructions and numbers are then near when the next one comes.
+    pub fn rehearse(&self, dt_s: f64) -> Option<NavEstimate> {
+        let TimedPoint { t, point } = *self.samples.back()?;
+        self.base.as_ref()?;
+        let mut increment = self.increment;
+        increment.step(&self.config.vehicle.imu, dt_s, &point, &point, Inflation::NONE);
+        Some(self.estimate(&increment, Header::at(t + shared_types::Duration::from_seconds(dt_s))))
     }
 
     /// The last estimate held to `now` (data time, from the caller's clock), with the sigmas of a vehicle that nobody sees;
@@ -291,13 +301,13 @@ impl Propagator {
         self.increment.step(noise, dt, &first, &next.point, inflation);
     }
 
-    fn estimate(&self, header: Header) -> NavEstimate {
+    fn estimate(&self, increment: &Preintegration, header: Header) -> NavEstimate {
         let Some(base) = &self.base else {
             return NavEstimate { header, ..self.last };
         };
         let t = Time(header.t_valid);
-        let state = transport(&base.state, &self.increment, &base.world);
-        let uncertainty = Uncertainty::carried(&base.covariance, &base.r_enu_body, &self.increment, &base.world);
+        let state = transport(&base.state, increment, &base.world);
+        let uncertainty = Uncertainty::carried(&base.covariance, &base.r_enu_body, increment, &base.world);
         let mode = self.mode_at(t, base, &uncertainty);
         NavEstimate {
             header,

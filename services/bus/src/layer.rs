@@ -12,6 +12,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::{ConnectionFailure, UpdateConnections};
 use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::ipc;
+use iceoryx2_bb_posix::file_descriptor_set::{FileDescriptorSet, FileDescriptorSetWaitError, FileEvent};
 use shared_types::Payload;
 
 /// Puts messages into the queues of a channel's readers.
@@ -39,6 +40,8 @@ pub(crate) trait Listens: Debug {
     fn listen(&self, limit: Duration) -> Result<u64, ListenerWaitError>;
     /// How often it was rung so far.
     fn look(&self) -> Result<u64, ListenerWaitError>;
+    /// Sleeps until it is rung, or has been and nobody looked, until `limit` at most, which is kept to the microsecond.
+    fn sleep(&self, sleeper: &FileDescriptorSet, limit: Duration) -> Result<(), FileDescriptorSetWaitError>;
 }
 
 /// Keeps a process's node.
@@ -75,6 +78,12 @@ impl Listens for Listener<ipc::Service> {
 
     fn look(&self) -> Result<u64, ListenerWaitError> {
         self.try_wait(|_| {})
+    }
+
+    fn sleep(&self, sleeper: &FileDescriptorSet, limit: Duration) -> Result<(), FileDescriptorSetWaitError> {
+        // It is the only one in there: it cannot have been added before, and there is room.
+        let _awake = sleeper.add(self);
+        sleeper.timed_wait(limit, FileEvent::Read, |_| {}).map(|_| ())
     }
 }
 

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::prelude::ipc;
+use iceoryx2_bb_posix::file_descriptor_set::FileDescriptorSet;
 
 use crate::layer::Listens;
 
@@ -11,28 +12,24 @@ use crate::layer::Listens;
 /// channels, rung or not.
 pub const WAIT: Duration = Duration::from_millis(50);
 
-/// What a time-out of the listener may be late by: the kernel counts that of a socket in its ticks (4 ms at 250 Hz), and rounds up
-/// twice. 13 ms asked for were 20 ms slept.
-const TICKS: Duration = Duration::from_millis(8);
-
-/// So the last of a sleep whose end matters is slept in naps, whose clock is exact. A ring is heard at the end of one.
-const NAP: Duration = Duration::from_micros(200);
-
 /// Sleeps until its reader is rung, or, for a reader that has a core to itself, does not sleep.
 #[derive(Debug)]
 pub struct Waiter {
     /// None: nobody rings, and the reader looks without end.
     listener: Option<Box<dyn Listens>>,
+    /// For a sleep whose end matters: a time-out of the listener itself is counted in the kernel's ticks (4 ms at 250 Hz) and rounded
+    /// up twice.
+    sleeper: FileDescriptorSet,
 }
 
 impl Waiter {
     pub(crate) fn new(listener: Listener<ipc::Service>) -> Waiter {
-        Waiter { listener: Some(Box::new(listener)) }
+        Waiter { listener: Some(Box::new(listener)), sleeper: FileDescriptorSet::new() }
     }
 
     /// Never sleeps. Senders need not ring such a reader, which saves them 7 to 9 µs too.
     pub fn polling() -> Waiter {
-        Waiter { listener: None }
+        Waiter { listener: None, sleeper: FileDescriptorSet::new() }
     }
 
     /// Sleeps until rung, for about [`WAIT`] at most; true if rung. Drain every channel after it in either case.
@@ -43,12 +40,12 @@ impl Waiter {
     /// As [`Waiter::wait`], with a limit that is kept: it may return earlier, unrung, and never returns later than the scheduler
     /// makes it.
     pub fn wait_for(&self, limit: Duration) -> bool {
-        self.hear(|listener| match limit.saturating_sub(TICKS) {
-            Duration::ZERO => {
-                std::thread::sleep(limit.min(NAP));
-                listener.look()
+        self.hear(|listener| {
+            if let Err(error) = listener.sleep(&self.sleeper, limit) {
+                // A signal: whoever waits looks at everything in any case.
+                tracing::debug!(?error, "the sleep was cut short");
             }
-            surely => listener.listen(surely),
+            listener.look()
         })
     }
 

@@ -46,16 +46,15 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PreprocessorErr
     let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Preprocessor)? };
     let kept_origin = KeptOrigin::in_folder(&prefix.run_directory());
     let mut reloads = Reloads::begin(Process::Preprocessor, &prefix.run_directory(), &mut config);
-    let mut preprocessor = kept_origin.begin(config.clone(), (args.keep.as_deref(), prefix.name()))?;
+    let mut preprocessor = kept_origin.begin(config, (args.keep.as_deref(), prefix.name()))?;
     let mut origin_is_published = false;
     let mut account = Account::new(args.process.epoch);
     real_time.enter();
 
     while !shutdown.requested() {
         waiter.wait();
-        if let Some(newer) = reloads.take(&config, monotonic_now()) {
+        if let Some(newer) = reloads.take(monotonic_now()) {
             preprocessor.go_on_under(&newer);
-            config = newer;
             info!("another configuration is in force");
         }
         let mut closed_a_keyframe = false;

@@ -4,6 +4,7 @@
 
 mod error;
 mod fast_path;
+mod rhythm;
 mod run;
 mod silence;
 

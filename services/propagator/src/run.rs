@@ -9,6 +9,7 @@ use tracing::{error, warn};
 
 use crate::error::PropagatorError;
 use crate::fast_path::FastPath;
+use crate::rhythm::Rhythm;
 use crate::silence::Silence;
 
 /// What the propagator is told.
@@ -43,7 +44,10 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PropagatorError
     };
     let waiter = if real_time.polls() { Waiter::polling() } else { bus.waiter(Reader::Propagator)? };
     let mut fast_path = FastPath::new(&config);
-    let mut silence = Silence::new(args.process.start.map_or(1.0, |start| start.rate));
+    let rate = args.process.start.map_or(1.0, |start| start.rate);
+    let mut silence = Silence::new(rate);
+    // Who never sleeps has nothing to be woken from.
+    let mut rhythm = (!real_time.polls()).then(Rhythm::default);
     let mut heartbeat = HeartbeatBuilder::new(Process::Propagator, args.process.epoch);
     heartbeat.state = ProcessState::Running;
     // Samples from before are what a restart catches up with; whoever steers has their estimates or no use for them.
@@ -51,19 +55,30 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), PropagatorError
     real_time.enter();
 
     while !shutdown.requested() {
-        waiter.wait_for(Duration::from_nanos(silence.patience(monotonic_now()) as u64));
+        let now = monotonic_now();
+        let patience = silence.patience(now);
+        let patience = rhythm.map_or(patience, |rhythm| rhythm.patience(now, patience));
+        waiter.wait_for(Duration::from_nanos(patience as u64));
         while let Some(sample) = ports.samples.receive() {
             let received = monotonic_now();
             let is_live = sample.header.t_published >= mono_start;
             let estimate = fast_path.advance(&sample);
             if is_live {
                 heartbeat.received_at(&sample.header, received);
+                if let Some(rhythm) = &mut rhythm {
+                    rhythm.heard(received);
+                }
                 if let Some(estimate) = estimate {
                     silence.heard(Time(sample.header.t_valid), monotonic_now());
                     ports.estimates.publish(estimate);
                     heartbeat.end_to_end.record(monotonic_now() - sample.header.t_arrival);
                 }
             }
+        }
+        if let Some(rhythm) = &mut rhythm
+            && rhythm.is_due(monotonic_now())
+        {
+            fast_path.rehearse(rhythm.period() * 1e-9 * rate);
         }
         // After the samples: standing on a new solution takes longer than one step, and an estimate must not wait for it.
         if let Some(solution) = ports.solutions.newest() {

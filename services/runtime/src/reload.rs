@@ -1,5 +1,6 @@
 //! Another configuration for processes that run: `ilns reload` leaves it in the folder of the run, whole or not at all, with the time from
-//! which on it is in force; whoever navigates looks there twice a second and takes it up when that time has come, all at the same.
+//! which on it is in force; whoever navigates has a thread that looks there twice a second, and takes it up when that time has come, all
+//! at the same.
 //!
 //! ```text
 //! reloaded.toml            "# in force from MONOTONIC_NS", then the whole effective configuration
@@ -11,18 +12,21 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
 
+use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use shared_types::{Config, ConfigText, Process};
 use tracing::{error, info, warn};
 
 use crate::clock::monotonic_now;
 use crate::configuration::load_config;
 
-/// Between two looks, ns.
-const LOOK: i64 = 500_000_000;
+/// Between two looks.
+const LOOK: Duration = Duration::from_millis(500);
 
 /// From its being left to its being in force, ns: by then everybody has looked.
-pub const NOTICE: i64 = 2 * LOOK;
+pub const NOTICE: i64 = 2 * LOOK.as_nanos() as i64;
 
 const HEAD: &str = "# in force from ";
 
@@ -33,17 +37,23 @@ struct Due {
     mono: i64,
 }
 
-/// What a running process knows of the configuration in force.
+/// What a running process knows of the configuration in force. Files are looked at in a thread of its own: asking costs nothing.
 #[derive(Debug)]
 pub struct Reloads {
+    found: Receiver<Due>,
+    taken: Sender<Config>,
+    due: Option<Due>,
+    in_force: Config,
+}
+
+/// What lies in the folder of the run, and what this process says there of itself.
+#[derive(Debug)]
+struct Lookout {
     process: Process,
     folder: PathBuf,
-    /// Made once: looking for it allocates nothing.
     file: PathBuf,
     /// As it was last looked at.
     seen: Option<String>,
-    due: Option<Due>,
-    next_look: i64,
 }
 
 fn reloaded(folder: &Path) -> PathBuf {
@@ -77,34 +87,59 @@ fn write_whole(file: &Path, text: &str) -> std::io::Result<()> {
 impl Reloads {
     /// Begins to look; `config` is what the process was started with, and becomes what was reloaded before it was started.
     pub fn begin(process: Process, folder: &Path, config: &mut Config) -> Reloads {
-        let mut reloads = Reloads {
-            process,
-            folder: folder.to_owned(),
-            file: reloaded(folder),
-            seen: None,
-            due: None,
-            next_look: i64::MIN,
-        };
-        if let Some(newer) = reloads.look(config) {
+        let mut lookout = Lookout::new(process, folder);
+        if let Some(newer) = lookout.look(config) {
             // For a process that begins there is nothing to be taken up together: the others have it or get it.
             info!("the configuration is the one that was reloaded");
             *config = newer.config;
         }
-        reloads.next_look = monotonic_now() + LOOK;
-        reloads.tell(config);
-        reloads
+        let (to_process, found) = bounded(1);
+        let (taken, of_process) = bounded(1);
+        let in_force = config.clone();
+        thread::spawn(move || lookout.look_on(in_force, &to_process, &of_process));
+        Reloads { found, taken, due: None, in_force: config.clone() }
     }
 
-    /// A configuration that is to take the place of `config` now. To be asked in each turn of a loop: it looks at the folder only twice a
-    /// second.
-    pub fn take(&mut self, config: &Config, mono: i64) -> Option<Config> {
-        if mono >= self.next_look {
-            self.next_look = mono + LOOK;
-            self.due = self.look(config).or(self.due.take());
+    /// A configuration that is to take the place of the one in force at the monotonic time `mono`, ns. To be asked in each turn of a loop.
+    pub fn take(&mut self, mono: i64) -> Option<Config> {
+        if let Ok(due) = self.found.try_recv() {
+            self.due = Some(due);
         }
-        let due = self.due.take_if(|due| mono >= due.mono)?;
-        self.tell(&due.config);
-        Some(due.config)
+        let next = self.due.take_if(|due| mono >= due.mono)?.config;
+        if next == self.in_force {
+            return None;
+        }
+        self.in_force = next.clone();
+        // There is room: the one before was read before this one was found.
+        let _ = self.taken.try_send(next.clone());
+        Some(next)
+    }
+}
+
+impl Lookout {
+    fn new(process: Process, folder: &Path) -> Lookout {
+        Lookout { process, folder: folder.to_owned(), file: reloaded(folder), seen: None }
+    }
+
+    /// Until the process is no longer interested.
+    fn look_on(mut self, mut config: Config, found: &Sender<Due>, taken: &Receiver<Config>) {
+        self.tell(&config);
+        loop {
+            match taken.recv_timeout(LOOK) {
+                Ok(newer) => {
+                    self.tell(&newer);
+                    config = newer;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            // A process that takes nothing for longer than it takes to leave another one gets it later.
+            if !found.is_full()
+                && let Some(due) = self.look(&config)
+            {
+                let _ = found.try_send(due);
+            }
+        }
     }
 
     /// What lies in the folder, if it was not there at the last look and may take the place of `config`.
@@ -119,7 +154,7 @@ impl Reloads {
         });
         self.seen = Some(text);
         match read {
-            Ok(due) => Some(due).filter(|due| due.config != *config),
+            Ok(due) => Some(due),
             Err(error) => {
                 error!(error, "{} is not taken up", self.file.display());
                 None
@@ -158,36 +193,61 @@ mod tests {
         (Reloads::begin(Process::Solver, folder, &mut config), config)
     }
 
+    /// What is taken within `limit`; `None` if that is nothing.
+    fn taken_within(reloads: &mut Reloads, limit: Duration) -> Option<Config> {
+        let end = monotonic_now() + limit.as_nanos() as i64;
+        while monotonic_now() < end {
+            let taken = reloads.take(monotonic_now());
+            if taken.is_some() {
+                return taken;
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        None
+    }
+
     #[test]
     fn a_configuration_is_taken_up_when_its_time_has_come_and_once() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let (mut reloads, config) = begun(folder.path());
-        let now = monotonic_now();
-        assert_eq!(reloads.take(&config, now + LOOK), None, "nobody has left one");
         let newer = with(&["dvl.sigma=0.05"]);
+        let left = monotonic_now();
         leave_config(folder.path(), &newer).expect("writable");
-        // Seen, and not yet due.
-        assert_eq!(reloads.take(&config, now + 2 * LOOK - 1), None);
-        assert_eq!(config_in_force(folder.path(), Process::Solver), Some(config.clone()));
-        assert_eq!(reloads.take(&config, monotonic_now() + NOTICE), Some(newer.clone()));
-        assert_eq!(config_in_force(folder.path(), Process::Solver), Some(newer.clone()));
-        assert_eq!(reloads.take(&newer, monotonic_now() + 9 * NOTICE), None);
+        let limit = Duration::from_secs(60);
+        assert_eq!(taken_within(&mut reloads, limit), Some(newer.clone()));
+        assert!(monotonic_now() >= left + NOTICE, "before its time");
+        while config_in_force(folder.path(), Process::Solver).as_ref() != Some(&newer) {
+            assert!(monotonic_now() < left + limit.as_nanos() as i64, "it never said so");
+            thread::sleep(Duration::from_millis(5));
+        }
+        assert_eq!(taken_within(&mut reloads, 3 * LOOK), None, "a second time");
         // Whoever begins later begins with it.
         assert_eq!(begun(folder.path()).1, newer);
+        // Thought better of before it is in force: as if nothing had been left.
+        leave_config(folder.path(), &config).expect("writable");
+        thread::sleep(LOOK + LOOK / 4);
+        leave_config(folder.path(), &newer).expect("writable");
+        assert_eq!(taken_within(&mut reloads, 4 * LOOK), None);
+        // And back again.
+        leave_config(folder.path(), &config).expect("writable");
+        assert_eq!(taken_within(&mut reloads, limit), Some(config));
     }
 
     #[test]
     fn what_is_wrong_or_may_not_change_changes_nothing() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let (mut reloads, config) = begun(folder.path());
-        let mut later = monotonic_now();
+        let config = with(&[]);
+        let mut lookout = Lookout::new(Process::Solver, folder.path());
+        assert_eq!(lookout.look(&config), None, "nobody has left one");
         for wrong in ["", "[dvl]\nsigma = 0.5\n", "# in force from soon\n", "# in force from 0\n[dvl]\nsigma = -1\n"] {
             fs::write(reloaded(folder.path()), wrong).expect("writable");
-            later += NOTICE;
-            assert_eq!(reloads.take(&config, later), None, "{wrong:?}");
+            assert_eq!(lookout.look(&config), None, "{wrong:?}");
         }
         leave_config(folder.path(), &with(&["fgo.window=30"])).expect("writable");
-        assert_eq!(reloads.take(&config, later + NOTICE), None);
+        assert_eq!(lookout.look(&config), None);
         assert_eq!(begun(folder.path()).1, config);
+        leave_config(folder.path(), &with(&["dvl.sigma=0.5"])).expect("writable");
+        assert!(lookout.look(&config).is_some());
+        assert_eq!(lookout.look(&config), None, "a second time");
     }
 }

@@ -80,7 +80,7 @@ pub fn run_until(args: &Args, shutdown: &Shutdown) -> Result<(), SolverError> {
             }
             waiting.push_back(measurement);
         }
-        if let Some(next) = reloads.take(&config, monotonic_now()) {
+        if let Some(next) = reloads.take(monotonic_now()) {
             beginning.go_on_under(&next, recent.stand(&config, &next).as_ref(), origin.as_ref());
             keeper.go_on_under(&next);
             config = next;
