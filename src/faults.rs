@@ -8,7 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use ilns_bus::Prefix;
-use ilns_runtime::{LogFormat, Shutdown, monotonic_now, start_logging};
+use ilns_runtime::{LogFormat, Shutdown, answer, monotonic_now, start_logging};
 use rand_pcg::Pcg64;
 use shared_types::Process;
 use tracing::info;
@@ -126,7 +126,7 @@ pub fn run(args: &FaultsArgs) -> Outcome {
         let head = format!("# `ilns faults --live`\n\nVersion {version}, `--kills {kills} --seed {seed}`.\n\n");
         std::io::Write::write_all(&mut file, format!("{head}{}\n", report.markdown()).as_bytes()).map_err(refused)?;
     }
-    print(&if args.json { serde_json::to_string(&report)? } else { report.markdown() });
+    answer(&if args.json { serde_json::to_string(&report)? } else { report.markdown() })?;
     Ok(())
 }
 
@@ -187,11 +187,6 @@ fn trials(
     }
     bench.end(matrix)?;
     Ok((kills, wanted_kills))
-}
-
-#[expect(clippy::print_stdout, reason = "this is what was asked for")]
-fn print(text: &str) {
-    println!("{text}");
 }
 
 #[cfg(test)]

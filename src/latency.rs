@@ -11,7 +11,9 @@ use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::thread;
 
 use ilns_bus::{Owner, Prefix};
-use ilns_runtime::{LogFormat, ProcessFile, RealTime, Shutdown, StartClock, load_config, monotonic_now, start_logging};
+use ilns_runtime::{
+    LogFormat, ProcessFile, RealTime, Shutdown, StartClock, answer, load_config, monotonic_now, start_logging,
+};
 use shared_types::Process;
 use sim_emulators::simulate::PresetName;
 use sim_emulators::source::{Source, SourceArgs};
@@ -190,7 +192,7 @@ pub fn run(args: &LatencyArgs) -> Outcome {
         trace::write(file, &consumed).map_err(|e| LatencyError::Trace(path.clone(), e))?;
     }
     let report = Report::new(args, receiver.polls(), conditions, &consumed, &references);
-    print(&if args.json { serde_json::to_string(&report)? } else { report.table() });
+    answer(&if args.json { serde_json::to_string(&report)? } else { report.table() })?;
     Ok(())
 }
 
@@ -254,11 +256,6 @@ fn joined<T>(thread: thread::JoinHandle<Result<T, String>>) -> Result<T, Latency
 /// Sends the bare messages until told to stop: the other side of [`References`].
 pub fn send_references(args: &SenderArgs) -> Outcome {
     reference::send(args)
-}
-
-#[expect(clippy::print_stdout, reason = "this is what was asked for")]
-fn print(text: &str) {
-    println!("{text}");
 }
 
 #[cfg(test)]

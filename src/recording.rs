@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use ilns_recording::mcap::{Ending, Inspection, export, inspect, recover};
+use ilns_runtime::answer;
 use serde_json::json;
 
 use crate::Outcome;
@@ -49,27 +50,22 @@ pub(crate) fn run(args: &RecordingArgs) -> Outcome {
         Action::Info { file, json } => {
             let found = inspect(file)?;
             let text = if *json { format!("{:#}", as_json(&found)) } else { as_text(&found) };
-            print(&text);
+            answer(&text)?;
         }
         Action::Recover { file, out } => {
             let recovered = recover(file, out)?;
-            print(&format!("{}: {} messages; {}", out.display(), recovered.messages, condition(&recovered.ending)));
+            answer(&format!("{}: {} messages; {}", out.display(), recovered.messages, condition(&recovered.ending)))?;
         }
         Action::Export { files, out } => {
             let exported = export(files, out)?;
             let rows: Vec<String> = exported.rows.iter().map(|(name, rows)| format!("{name} {rows}")).collect();
-            print(&format!("{}: rows: {}", out.display(), rows.join(", ")));
+            answer(&format!("{}: rows: {}", out.display(), rows.join(", ")))?;
             for (file, ending) in files.iter().zip(&exported.endings).filter(|(_, ending)| !ending.is_whole()) {
                 eprintln!("{}: {}", file.display(), condition(ending));
             }
         }
     }
     Ok(())
-}
-
-#[expect(clippy::print_stdout, reason = "the answer to a command")]
-fn print(text: &str) {
-    println!("{}", text.trim_end());
 }
 
 /// How whole an MCAP is, in words.

@@ -4,7 +4,7 @@ use std::thread;
 use std::time::Duration;
 
 use ilns_bus::{Bus, Prefix};
-use ilns_runtime::{DEFAULT_PREFIX, NOTICE, NavigatorArgs, config_in_force, leave_config, monotonic_now};
+use ilns_runtime::{DEFAULT_PREFIX, NOTICE, NavigatorArgs, answer, config_in_force, leave_config, monotonic_now};
 use shared_types::{Config, ConfigText, Process};
 
 use crate::Outcome;
@@ -49,7 +49,7 @@ pub fn run(args: &ReloadArgs) -> Outcome {
     let in_force = config_in_force(&folder, Process::Solver).ok_or_else(unknown)?;
     let next = next_config(&args.navigator, &in_force)?;
     if args.navigator.print_config {
-        print(&next.to_toml());
+        answer(&next.to_toml())?;
         return Ok(());
     }
     in_force.may_become(&next)?;
@@ -71,11 +71,6 @@ fn next_config(navigator: &NavigatorArgs, in_force: &Config) -> Result<Config, i
     let base = ConfigText::new("the configuration in force", in_force.to_toml());
     let first = if navigator.config.is_some() { Vec::new() } else { vec![base] };
     navigator.load_config(&first)
-}
-
-#[expect(clippy::print_stdout, reason = "this is what was asked for")]
-fn print(text: &str) {
-    print!("{text}");
 }
 
 #[cfg(test)]

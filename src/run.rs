@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use ilns_bus::{Owner, Prefix};
 use ilns_monitor::{FoxgloveArgs, WebAddress, WebArgs, listen};
 use ilns_runtime::{
-    DEFAULT_PREFIX, LogFormat, NavigatorArgs, ProcessFile, Shutdown, StartClock, monotonic_now, start_logging,
+    DEFAULT_PREFIX, LogFormat, NavigatorArgs, ProcessFile, Shutdown, StartClock, answer, monotonic_now, start_logging,
 };
 use shared_types::{Duration, ProcessState, Time};
 use sim_emulators::process::EMULATORS;
@@ -118,7 +118,7 @@ pub fn run(args: &RunArgs) -> Outcome {
     let source = Source::open(&args.source)?;
     let config = args.navigator.load_config(source.config().as_slice())?;
     if args.navigator.print_config {
-        print_config(&config.to_toml());
+        answer(&config.to_toml())?;
         return Ok(());
     }
     args.out.as_deref().map_or(Ok(()), refuse_used)?;
@@ -185,9 +185,4 @@ fn watch(supervisor: &mut Supervisor, shutdown: &Shutdown, clock: &StartClock, e
             return;
         }
     }
-}
-
-#[expect(clippy::print_stdout, reason = "this is what was asked for")]
-fn print_config(toml: &str) {
-    print!("{toml}");
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use ilns_bus::{Bus, BusError, Prefix, Subscriber};
-use ilns_runtime::{DEFAULT_PREFIX, LogFormat, Shutdown, monotonic_now, start_logging};
+use ilns_runtime::{DEFAULT_PREFIX, LogFormat, Shutdown, answer, monotonic_now, start_logging};
 use serde::Serialize;
 use shared_types::{
     Channel, ChannelVisitor, Heartbeat, Message, Process, ProcessState, SENSORS, channel, visit_channels,
@@ -63,7 +63,7 @@ pub fn run(args: &StatusArgs) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
     let bus = Bus::join(&Prefix::new(&args.prefix)?, Process::Monitor, 0)?;
     let status = listen(&bus, &shutdown)?;
-    print(&if args.json { serde_json::to_string(&status)? } else { table(&status) });
+    answer(&if args.json { serde_json::to_string(&status)? } else { table(&status) })?;
     Ok(())
 }
 
@@ -194,9 +194,4 @@ fn table(status: &Status) -> String {
         format!("{:<18} {:>9.1} {:>8} {age:>9}", row.name, row.rate, row.lost)
     }));
     lines.join("\n")
-}
-
-#[expect(clippy::print_stdout, reason = "this is what was asked for")]
-fn print(text: &str) {
-    println!("{text}");
 }

@@ -101,7 +101,7 @@ pub enum ReplayError {
         /// Why.
         source: io::Error,
     },
-    /// Standard output is closed.
+    /// Standard output takes nothing.
     #[error("cannot write the result")]
     Print(#[source] io::Error),
 }

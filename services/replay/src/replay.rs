@@ -3,11 +3,11 @@
 //! The work is `nav-pipeline`'s, in line and without a clock; here files come in, files go out, and a clock looks at the
 //! solves. The same log gives the same bytes.
 
-use std::io::Write;
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
 use ilns_recording::{LogDirectory, Summary};
+use ilns_runtime::answer;
 use nav_pipeline::{Navigator, Output, Rebase, SolveClock};
 use rustix::time::{ClockId, clock_gettime};
 use shared_types::{BuoyFix, Config, Duration, RawReading, SENSORS, SensorCounts};
@@ -30,7 +30,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), ReplayError> {
     let log = LogDirectory::open(&args.dir)?;
     let config = args.load_config(log.config())?;
     let Some(out) = args.out.as_ref().filter(|_| !args.navigator.print_config) else {
-        return std::io::stdout().write_all(config.to_toml().as_bytes()).map_err(ReplayError::Print);
+        return answer(&config.to_toml()).map_err(ReplayError::Print);
     };
     log.check_buoys()?;
     let output = ReplayOutput::create(out, &log, started)?;

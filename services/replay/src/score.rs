@@ -1,10 +1,10 @@
 //! `ilns score`: how good an estimate file is against a truth.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ilns_recording::{EstimateRow, LogDirectory, LogReader, read_estimates, read_truth};
+use ilns_runtime::answer;
 use nalgebra::Vector3;
 use nav_evaluation::{EstimatePoint, Pair, Score, Scorer, Window};
 use nav_geometry::Geodetic;
@@ -65,7 +65,7 @@ pub fn run(args: &ScoreArgs) -> Result<(), ReplayError> {
         }
         (None, None) => unreachable!("the command line asks for one of them"),
     };
-    io::stdout().write_all(text.as_bytes()).map_err(ReplayError::Print)
+    answer(&text).map_err(ReplayError::Print)
 }
 
 fn json(score: &impl Serialize) -> String {

@@ -2,14 +2,13 @@
 //!
 //! The files are those of `ilns replay`, so that the same tools score and plot them.
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
 use hdrhistogram::Histogram;
 use ilns_recording::{LogDirectory, Summary};
-use ilns_runtime::NavigatorArgs;
+use ilns_runtime::{NavigatorArgs, answer};
 use nav_pipeline::{Navigator, Output, SolveClock, Unmeasured};
 use shared_types::{Config, EstimatorKind};
 
@@ -50,7 +49,7 @@ pub fn run(args: &SmoothArgs) -> Result<(), ReplayError> {
         return Err(ReplayError::NotASmoother { estimator: estimator.name() });
     }
     let Some(out) = args.out.as_ref().filter(|_| !args.navigator.print_config) else {
-        return std::io::stdout().write_all(config.to_toml().as_bytes()).map_err(ReplayError::Print);
+        return answer(&config.to_toml()).map_err(ReplayError::Print);
     };
     log.check_buoys()?;
     let output = ReplayOutput::create(out, &log, started)?;

@@ -1,6 +1,7 @@
 //! How every command ends.
 
 use std::error::Error;
+use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
 use crate::logging::{flush_logging, is_journal};
@@ -41,6 +42,18 @@ fn legible(line: &str) -> String {
         characters.splice(from..to, " [...] ".chars());
     }
     characters.into_iter().collect()
+}
+
+/// Writes what a command was asked for to standard output. A reader who has seen enough (`| head`) is no error.
+///
+/// # Errors
+/// When standard output takes nothing for another reason, such as a full disk.
+pub fn answer(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        result => result,
+    }
 }
 
 /// Exit code of the command `name`; a failure is first told on standard error, in one line.

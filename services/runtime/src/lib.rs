@@ -33,7 +33,7 @@ pub use arguments::{DEFAULT_PREFIX, NavigatorArgs, ProcessArgs};
 pub use clock::{StartClock, clocks_now, monotonic_now};
 pub use configuration::{load_config, read_config_text};
 pub use error::RuntimeError;
-pub use exit::{FAILURE, exit_with, one_line};
+pub use exit::{FAILURE, answer, exit_with, one_line};
 pub use heartbeat::{BEAT, HeartbeatBuilder};
 pub use latency::Latency;
 pub use logging::{LogFormat, start_logging};
