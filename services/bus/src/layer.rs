@@ -81,9 +81,14 @@ impl Listens for Listener<ipc::Service> {
     }
 
     fn sleep(&self, sleeper: &FileDescriptorSet, limit: Duration) -> Result<(), FileDescriptorSetWaitError> {
-        // It is the only one in there: it cannot have been added before, and there is room.
-        let _awake = sleeper.add(self);
-        sleeper.timed_wait(limit, FileEvent::Read, |_| {}).map(|_| ())
+        match sleeper.add(self) {
+            Ok(_while_it_sleeps) => sleeper.timed_wait(limit, FileEvent::Read, |_| {}).map(|_| ()),
+            // It is the only one in there, and there is room; if there were not, a time-out that is late is better than one that hears nothing.
+            Err(_) => {
+                let _ = self.listen(limit);
+                Ok(())
+            }
+        }
     }
 }
 

@@ -91,6 +91,29 @@ fn a_solution_ahead_of_the_samples_waits_for_them() {
     assert_relative_eq!(Vector3::from(estimate.position_enu), Vector3::new(120.0, -340.0, -55.0));
 }
 
+/// It goes the way of the next sample, and leaves no trace of having done so.
+#[test]
+fn a_rehearsal_is_what_the_sample_would_give_and_changes_nothing() {
+    let solution = solution_at(Time(0));
+    let mut propagator = Propagator::new(&config());
+    assert!(propagator.rehearse(0.005).is_none(), "nothing to stand on");
+    for index in 0..=200 {
+        propagator.advance(&sample(index)).expect("good");
+        if index == 0 {
+            propagator.rebase(&solution).expect("good");
+        }
+        let rehearsed = propagator.rehearse(0.005).expect("it stands");
+        assert!(rehearsed.position_enu.iter().all(|coordinate| coordinate.is_finite()));
+    }
+    let untouched = *run(&solution, 0, 0..202).last().expect("samples");
+    let same_again = ImuSample { header: sample(201).header, ..sample(200) };
+    let rehearsed = propagator.rehearse(0.005).expect("it stands");
+    let mut other = propagator.clone();
+    let heard = other.advance(&same_again).expect("good").expect("new");
+    assert_eq!(NavEstimate { header: heard.header, ..rehearsed }, heard);
+    assert_eq!(propagator.advance(&sample(201)).expect("good"), Some(untouched));
+}
+
 #[test]
 fn state_and_covariance_are_those_of_transport() {
     let solution = solution_at(Time(0));
