@@ -118,8 +118,6 @@ fn reading() -> impl Strategy<Value = (i64, u8, [f64; 6])> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 160, ..ProptestConfig::default() })]
-
     #[test]
     fn no_stream_of_readings_makes_it_panic_or_publish_nan(
         stream in prop::collection::vec(reading(), 200..900),

@@ -16,6 +16,7 @@ const MEMORY: f64 = 16.0;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Rhythm {
     last: Option<i64>,
+    /// Mean of late, ns; zero while it is not known.
     period: f64,
     is_ready: bool,
 }
@@ -25,14 +26,14 @@ impl Rhythm {
     pub(crate) fn heard(&mut self, mono: i64) {
         if let Some(last) = self.last {
             let step = (mono - last) as f64;
-            // Samples that come together, or after a silence, tell of no period.
-            if self.period == 0.0 {
-                self.period = step;
+            // After a silence, or samples that came together, the next step tells anew.
+            self.period = if self.period == 0.0 {
+                step
             } else if step < 2.0 * self.period {
-                self.period += (step - self.period) / MEMORY;
+                self.period + (step - self.period) / MEMORY
             } else {
-                self.period = step;
-            }
+                0.0
+            };
         }
         self.last = Some(mono);
         self.is_ready = false;
@@ -97,8 +98,8 @@ mod tests {
     #[test]
     fn a_gap_spoils_the_rhythm_for_a_few_samples_only() {
         let mut rhythm = heard((0..100).map(|sample| sample * PERIOD).chain([150 * PERIOD]));
+        assert!(!rhythm.is_due(250 * PERIOD), "nothing is known of it");
         (151..154).for_each(|sample| rhythm.heard(sample * PERIOD));
-        (154..254).for_each(|sample| rhythm.heard(sample * PERIOD));
         assert!((rhythm.period() - PERIOD as f64).abs() < 1e-2 * PERIOD as f64, "{}", rhythm.period());
     }
 }
