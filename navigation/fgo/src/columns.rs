@@ -46,6 +46,16 @@ fn faded_columns(dt: Duration) -> [f64; WIDTH] {
     core::array::from_fn(|column| faded[column / ERRORS])
 }
 
+/// What has faded to less than this is nothing. A sensor that is heard no more leaves numbers that halve for hours until they are
+/// subnormal, and then each product with one of them takes a hundred times as long.
+const NEGLIGIBLE: f64 = 1e-100;
+
+/// Nothing in the place of what is negligible.
+#[inline(always)]
+pub fn or_nothing(value: f64) -> f64 {
+    if value.abs() < NEGLIGIBLE { 0.0 } else { value }
+}
+
 pub fn column_of(error: usize, term: usize) -> usize {
     term * ERRORS + error
 }
@@ -150,14 +160,20 @@ impl Columns {
                 }
             }
             for other in 0..WIDTH {
-                sums[other] *= faded[other] * faded[column];
+                sums[other] = or_nothing(sums[other] * (faded[other] * faded[column]));
             }
             information.data.0[column] = sums;
         }
+        let mut f_transposed = self.carried(&faded, link);
+        for f in &mut f_transposed.data.0 {
+            for column in 0..WIDTH {
+                f[column] = or_nothing(f[column]);
+            }
+        }
         ColumnPrior {
-            f_transposed: self.carried(&faded, link),
+            f_transposed,
             information,
-            right: SVector::from_fn(|column, _| faded[column] * self.right[column]),
+            right: SVector::from_fn(|column, _| or_nothing(faded[column] * self.right[column])),
         }
     }
 
@@ -355,6 +371,29 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A sensor that is heard once and never again: what it leaves fades to nothing, by way of no number that slows the arithmetic.
+    #[test]
+    fn what_nobody_speaks_of_any_more_fades_to_nothing() {
+        let Chain { links, own, .. } = {
+            let mut chain = chain();
+            chain.sweep(0, &ColumnPrior::default());
+            chain
+        };
+        let mut columns = Columns::default();
+        columns.sweep(&links[0], &own[0], Before::Prior(&ColumnPrior::default()));
+        let mut prior = columns.marginal(&links[0], Duration::from_seconds(1.0), &own[0], &ColumnPrior::default());
+        assert!(prior.f_transposed.amax() > 0.0 && prior.information.amax() > 0.0);
+        let nothing = Slopes::default();
+        for _ in 0..100_000 {
+            columns.sweep(&links[0], &nothing, Before::Prior(&prior));
+            prior = columns.marginal(&links[0], Duration::from_seconds(1.0), &nothing, &prior);
+            let left = prior.f_transposed.iter().chain(&prior.information).chain(&prior.right);
+            let seen = columns.z_transposed.iter().chain(&columns.information);
+            assert!(left.chain(seen).all(|value| !value.is_subnormal()), "{prior:?}");
+        }
+        assert_eq!((prior.f_transposed.amax(), prior.information.amax(), prior.right.amax()), (0.0, 0.0, 0.0));
     }
 
     #[test]

@@ -24,7 +24,7 @@ use nalgebra::SMatrix;
 use shared_types::{Config, Duration};
 
 use crate::chain::Link;
-use crate::columns::{Columns, WIDTH, column_of, fadings};
+use crate::columns::{Columns, WIDTH, column_of, fadings, or_nothing};
 use crate::kernels::{Block, add_gram_transposed, add_product_transposed, solve_upper};
 use crate::rows::DIM;
 use crate::systematic::ERRORS;
@@ -152,6 +152,10 @@ impl MooringColumns {
     pub fn take_marginal(&mut self, oldest: &MooringColumns, link: &Link<DIM>, dt: Duration) {
         self.clear();
         self.add_carried(oldest, link, dt);
+        for column in &mut self.0 {
+            column.by_range.apply(|value| *value = or_nothing(*value));
+            column.crossed.apply(|value| *value = or_nothing(*value));
+        }
     }
 
     /// Expresses a prior at another linearisation point of its keyframe, with M of the states' prior.

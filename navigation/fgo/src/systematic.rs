@@ -24,7 +24,7 @@ use nav_models::innovation::Innovation;
 use nav_models::row::SLOTS;
 use shared_types::{AIDING, CALIBRATIONS, Calibration, Duration, SensorConfig, TimeOffset};
 
-use crate::columns::{Score, TERMS, fadings};
+use crate::columns::{Score, TERMS, fadings, or_nothing};
 
 /// How many errors there are: time offsets in the order of [`AIDING`], then [`CALIBRATIONS`].
 pub const ERRORS: usize = STAMPS + CALIBRATIONS.len();
@@ -282,12 +282,12 @@ impl Systematic {
     /// Fades what was heard, brings the sigma up to date, and says whether the error is sure.
     fn judge(&mut self, index: usize, scores: [Score; TERMS], dt: Duration) -> Option<Found> {
         for (refused, faded) in self.refused.iter_mut().zip(fadings(dt)) {
-            refused.information *= faded * faded;
-            refused.right *= faded;
+            refused.information = or_nothing(refused.information * (faded * faded));
+            refused.right = or_nothing(refused.right * faded);
         }
         for ((squares, freedom), faded) in self.innovations.iter_mut().zip(fadings(dt)) {
-            *squares *= faded * faded;
-            *freedom *= faded * faded;
+            *squares = or_nothing(*squares * (faded * faded));
+            *freedom = or_nothing(*freedom * (faded * faded));
         }
         let Limits { smallest, range: [_, largest], vague, wandering, wandering_most } = self.limits;
         self.sigma = match self.was_corrected {
