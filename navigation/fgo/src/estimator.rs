@@ -38,6 +38,9 @@ use crate::window::{SolveReport, Window};
 const HISTORY_BEFORE_START: Duration = Duration(20_000_000_000);
 /// Readings that may wait for one keyframe: some hundred a second over the longest interval.
 const PENDING_MAX: usize = 4096;
+/// Those for which there is room from the start: of some seconds of every sensor. Only an estimator that has fallen behind by more asks for
+/// memory.
+const PENDING_USUAL: usize = 256;
 /// A window of so many intervals never forgets, for [`FgoEstimator::smooth`] at the end.
 pub const KEEPING_ALL: usize = u32::MAX as usize;
 /// Room for an interval's samples: 5 s at 200 Hz.
@@ -85,7 +88,7 @@ impl FgoEstimator {
             initialiser: Initialiser::new(&config),
             history: ImuHistory::with_capacity(8 * INTERVAL_SAMPLES),
             open: OpenInterval::with_capacity(INTERVAL_SAMPLES),
-            pending: Vec::with_capacity(256),
+            pending: Vec::with_capacity(PENDING_USUAL),
             ties: Ties::new(&config),
             realignment: Realignment::default(),
             alternatives: Alternatives::new(&config),
@@ -229,7 +232,7 @@ impl FgoEstimator {
             self.alternatives.resume(&state, &covariance);
         }
         // What was valid before the first state has been the initialiser's.
-        for (measurement, _) in core::mem::take(&mut self.pending) {
+        for (measurement, _) in self.pending.drain(..) {
             if let Some(sensor) = measurement.sensor() {
                 self.ties.refuse(sensor, RejectReason::BeforeStart);
             }
