@@ -42,8 +42,7 @@ impl Waiter {
     pub fn wait_for(&self, limit: Duration) -> bool {
         self.hear(|listener| {
             if let Err(error) = listener.sleep(&self.sleeper, limit) {
-                // A signal: whoever waits looks at everything in any case.
-                tracing::debug!(?error, "the sleep was cut short");
+                cut_short(&error);
             }
             listener.look()
         })
@@ -57,11 +56,15 @@ impl Waiter {
         match listen(listener.as_ref()) {
             Ok(rings) => rings > 0,
             Err(error) => {
-                // A signal ends the wait early, which is what the caller wants; anything else must not spin.
-                tracing::debug!(%error, "wait was cut short");
-                std::thread::sleep(Duration::from_millis(1));
+                cut_short(&error);
                 false
             }
         }
     }
+}
+
+/// A signal ends a wait early, which is what the caller wants; anything else must not spin.
+fn cut_short(error: &dyn std::fmt::Debug) {
+    tracing::debug!(?error, "a wait was cut short");
+    std::thread::sleep(Duration::from_millis(1));
 }
