@@ -223,14 +223,24 @@ mod tests {
         assert_eq!(taken_within(&mut reloads, 3 * LOOK), None, "a second time");
         // Whoever begins later begins with it.
         assert_eq!(begun(folder.path()).1, newer);
-        // Thought better of before it is in force: as if nothing had been left.
-        leave_config(folder.path(), &config).expect("writable");
-        thread::sleep(LOOK + LOOK / 4);
-        leave_config(folder.path(), &newer).expect("writable");
-        assert_eq!(taken_within(&mut reloads, 4 * LOOK), None);
         // And back again.
         leave_config(folder.path(), &config).expect("writable");
         assert_eq!(taken_within(&mut reloads, limit), Some(config));
+    }
+
+    #[test]
+    fn one_that_was_thought_better_of_before_its_time_is_never_in_force() {
+        let (to_process, found) = bounded(1);
+        let (taken, of_process) = bounded(1);
+        let [first, second] = [with(&[]), with(&["dvl.sigma=0.05"])];
+        let mut reloads = Reloads { found, taken, due: None, in_force: first.clone() };
+        to_process.send(Due { config: second.clone(), mono: 1000 }).expect("room");
+        assert_eq!(reloads.take(900), None);
+        to_process.send(Due { config: first, mono: 1900 }).expect("room");
+        assert_eq!((reloads.take(1500), reloads.take(2500)), (None, None));
+        to_process.send(Due { config: second.clone(), mono: 3000 }).expect("room");
+        assert_eq!((reloads.take(2999), reloads.take(3000)), (None, Some(second.clone())));
+        assert_eq!(of_process.try_iter().collect::<Vec<_>>(), [second], "only what is in force is told of");
     }
 
     #[test]
