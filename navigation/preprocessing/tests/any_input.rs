@@ -138,6 +138,8 @@ fn run(config: &Config, readings: &[RawReading]) -> Result<(), TestCaseError> {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases.max(400)))]
+
     #[test]
     fn arbitrary_readings_are_survived_and_accounted_for(
         config in any_config(),
