@@ -12,8 +12,8 @@ use nalgebra::SMatrix;
 
 use crate::kernels::{
     Block, BlockVector, NotPositiveDefinite, add_gram_lower, add_gram_transposed, add_product_transposed,
-    add_times_transposed, cholesky, inverse_from_cholesky, solve_lower, solve_lower_transposed, solve_upper,
-    subtract_times,
+    add_times_transposed, cholesky, inverse_diagonal, inverse_from_cholesky, solve_lower, solve_lower_transposed,
+    solve_upper,
 };
 
 /// One keyframe's part of the normal equations and of their factorisation.
@@ -25,9 +25,13 @@ pub struct Link<const N: usize> {
     pub next_transposed: Block<N>,
     /// Right side b_k, the negative gradient.
     pub right: BlockVector<N>,
-    /// Cholesky factor of the swept diagonal block.
+    /// Cholesky factor L_k of the swept diagonal block.
     factor: Block<N>,
-    /// Y_kᵀ.
+    /// L_kᵀ and the inverse of its diagonal: a link is substituted many times for each time that it is swept.
+    factor_transposed: Block<N>,
+    inverse_diagonal: [f64; N],
+    /// Y_k, and transposed.
+    y_block: Block<N>,
     y_transposed: Block<N>,
     /// y_k.
     y: BlockVector<N>,
@@ -40,6 +44,9 @@ impl<const N: usize> Default for Link<N> {
             next_transposed: Block::zeros(),
             right: BlockVector::zeros(),
             factor: Block::identity(),
+            factor_transposed: Block::identity(),
+            inverse_diagonal: [1.0; N],
+            y_block: Block::zeros(),
             y_transposed: Block::zeros(),
             y: BlockVector::zeros(),
         }
@@ -74,8 +81,11 @@ impl<const N: usize> Link<N> {
             add_times_transposed(&mut right, &previous.y_transposed, &previous.y, -1.0);
         }
         self.factor = cholesky(&swept)?;
+        self.factor_transposed = self.factor.transpose();
+        self.inverse_diagonal = inverse_diagonal(&self.factor);
         self.y_transposed = self.next_transposed;
         solve_lower_transposed(&self.factor, &mut self.y_transposed);
+        self.y_block = self.y_transposed.transpose();
         solve_lower(&self.factor, &mut right);
         self.y = right;
         Ok(())
@@ -86,9 +96,9 @@ impl<const N: usize> Link<N> {
     pub fn substitute(&self, next: Option<&BlockVector<N>>) -> BlockVector<N> {
         let mut delta = self.y;
         if let Some(next) = next {
-            subtract_times(&mut delta, &self.y_transposed, next);
+            add_times_transposed(&mut delta, &self.y_block, next, -1.0);
         }
-        solve_upper(&self.factor, &mut delta);
+        self.solve_back(&mut delta);
         delta
     }
 
@@ -104,10 +114,10 @@ impl<const N: usize> Link<N> {
         &self.y
     }
 
-    /// L_k of the last sweep.
+    /// x ← L_k⁻ᵀ x.
     #[inline(always)]
-    pub fn factor(&self) -> &Block<N> {
-        &self.factor
+    pub fn solve_back(&self, x: &mut BlockVector<N>) {
+        solve_upper(&self.factor_transposed, &self.inverse_diagonal, x);
     }
 
     /// X ← L_k⁻¹ X of columns that stand beside the chain, given and returned transposed.

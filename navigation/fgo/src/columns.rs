@@ -18,7 +18,7 @@ use nalgebra::{SMatrix, SVector};
 use shared_types::Duration;
 
 use crate::chain::Link;
-use crate::kernels::{Block, BlockVector, add_product_transposed, add_times_transposed, solve_upper};
+use crate::kernels::{Block, BlockVector, add_product_transposed, add_times_transposed};
 use crate::rows::{DIM, Slopes};
 use crate::systematic::ERRORS;
 
@@ -196,7 +196,7 @@ impl Columns {
     /// ∂x_n/∂g when `link` is the newest: how far the state is off per unit of an error.
     pub fn state_by_error(&self, link: &Link<DIM>, error: usize, term: usize) -> BlockVector<DIM> {
         let mut by_error = -self.z_transposed.row(column_of(error, term)).transpose();
-        solve_upper(link.factor(), &mut by_error);
+        link.solve_back(&mut by_error);
         by_error
     }
 }

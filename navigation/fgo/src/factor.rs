@@ -5,11 +5,11 @@
 
 use nalgebra::SMatrix;
 use nav_models::anchored::{Anchored, SensorModel};
+use nav_models::departure::Departure;
 use nav_models::preintegration::{ImuPoint, Increment, Piece};
 pub use nav_models::row::MeasuredRows;
 use nav_models::row::{ROWS_MAX, SLOTS, Unusable, inverse_root};
 pub use nav_models::sensors::Model;
-use nav_models::state::NavState;
 use nav_models::world::WorldModel;
 use shared_types::{Kernel, Sensor, Time};
 
@@ -88,6 +88,14 @@ impl Factor {
         }
     }
 
+    /// Makes a used one the measurement of [`Factor::new`] at the keyframe itself. Its whitening is that of before until
+    /// [`Factor::whiten`].
+    pub fn renew(&mut self, t: Time, model: Model, kernel: Kernel) {
+        (self.t, self.model, self.kernel) = (t, model, kernel);
+        (self.increment, self.mooring) = (None, None);
+        (self.epoch, self.buoy, self.offset_sigma) = (0, 0, 0.0);
+    }
+
     /// Makes it one range of an epoch.
     pub fn join_epoch(&mut self, epoch: u32, buoy: u32, offset_sigma: f64) {
         (self.epoch, self.buoy, self.offset_sigma) = (epoch, buoy, offset_sigma);
@@ -120,36 +128,36 @@ impl Factor {
     /// [`Unusable`]: the covariance is singular or a number is not finite.
     pub fn whiten(
         &mut self,
-        linearised: &NavState,
+        from: &Departure,
         piece: Option<&Piece<'_>>,
         doubts: Option<&Doubts>,
         world: &WorldModel,
         rows: &mut MeasuredRows,
     ) -> Result<(), Unusable> {
         match self.model {
-            Model::Lbl(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
-            Model::Gnss(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
-            Model::Dvl(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
-            Model::Mcp(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
-            Model::Ps(model) => self.whiten_as(&model, linearised, piece, doubts, world, rows),
+            Model::Lbl(model) => self.whiten_as(&model, from, piece, doubts, world, rows),
+            Model::Gnss(model) => self.whiten_as(&model, from, piece, doubts, world, rows),
+            Model::Dvl(model) => self.whiten_as(&model, from, piece, doubts, world, rows),
+            Model::Mcp(model) => self.whiten_as(&model, from, piece, doubts, world, rows),
+            Model::Ps(model) => self.whiten_as(&model, from, piece, doubts, world, rows),
         }
     }
 
     fn whiten_as<const ROWS: usize>(
         &mut self,
         model: &impl SensorModel<ROWS>,
-        linearised: &NavState,
+        from: &Departure,
         piece: Option<&Piece<'_>>,
         doubts: Option<&Doubts>,
         world: &WorldModel,
         rows: &mut MeasuredRows,
     ) -> Result<(), Unusable> {
-        let anchored = self.anchored(model, linearised, world);
+        let anchored = self.anchored(model, from, world);
         let mut covariance = piece.map_or(anchored.covariance, |piece| anchored.inflated_covariance(piece));
         let mut slopes = SMatrix::<f64, ROWS, SLOTS>::zeros();
         if let Some(doubts) = doubts {
             if let Some(point) = &doubts.point {
-                slopes.set_column(0, &-anchored.rate(linearised, self.increment.as_ref(), point, world));
+                slopes.set_column(0, &-anchored.rate(from, self.increment.as_ref(), point, world));
             }
             slopes.set_column(1, &model.calibration_jacobian(&anchored.residual));
             for (slope, sigma) in slopes.column_iter().zip(doubts.sigmas) {
@@ -159,9 +167,7 @@ impl Factor {
             }
         }
         let whitening = inverse_root(&covariance).ok_or(Unusable)?;
-        self.whitening = SMatrix::zeros();
         self.whitening.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
-        self.slopes = SMatrix::zeros();
         self.slopes.fixed_rows_mut::<ROWS>(0).copy_from(&(whitening * slopes));
         self.fill(rows, &anchored)
     }
@@ -175,40 +181,40 @@ impl Factor {
         }
     }
 
-    /// Its rows at another linearisation point of its keyframe.
+    /// Its rows with its keyframe at another linearisation point.
     ///
     /// # Errors
     /// [`Unusable`]: a number is not finite.
-    pub fn rows(&self, linearised: &NavState, world: &WorldModel) -> Result<MeasuredRows, Unusable> {
+    pub fn rows(&self, from: &Departure, world: &WorldModel) -> Result<MeasuredRows, Unusable> {
         match self.model {
-            Model::Lbl(model) => self.whitened(&self.anchored(&model, linearised, world)),
-            Model::Gnss(model) => self.whitened(&self.anchored(&model, linearised, world)),
-            Model::Dvl(model) => self.whitened(&self.anchored(&model, linearised, world)),
-            Model::Mcp(model) => self.whitened(&self.anchored(&model, linearised, world)),
-            Model::Ps(model) => self.whitened(&self.anchored(&model, linearised, world)),
+            Model::Lbl(model) => self.whitened(&self.anchored(&model, from, world)),
+            Model::Gnss(model) => self.whitened(&self.anchored(&model, from, world)),
+            Model::Dvl(model) => self.whitened(&self.anchored(&model, from, world)),
+            Model::Mcp(model) => self.whitened(&self.anchored(&model, from, world)),
+            Model::Ps(model) => self.whitened(&self.anchored(&model, from, world)),
         }
     }
 
     /// What it says at the end of the increment from its keyframe, its own noise and that of the increment apart.
-    pub fn parts(&self, linearised: &NavState, increment: &Increment, world: &WorldModel) -> Parts {
+    pub fn parts(&self, from: &Departure, increment: &Increment, world: &WorldModel) -> Parts {
         match self.model {
-            Model::Lbl(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
-            Model::Gnss(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
-            Model::Dvl(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
-            Model::Mcp(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
-            Model::Ps(model) => Parts::of(&Anchored::new(&model, linearised, increment, world)),
+            Model::Lbl(model) => Parts::of(&Anchored::new(&model, from, increment, world)),
+            Model::Gnss(model) => Parts::of(&Anchored::new(&model, from, increment, world)),
+            Model::Dvl(model) => Parts::of(&Anchored::new(&model, from, increment, world)),
+            Model::Mcp(model) => Parts::of(&Anchored::new(&model, from, increment, world)),
+            Model::Ps(model) => Parts::of(&Anchored::new(&model, from, increment, world)),
         }
     }
 
     fn anchored<const ROWS: usize>(
         &self,
         model: &impl SensorModel<ROWS>,
-        linearised: &NavState,
+        from: &Departure,
         world: &WorldModel,
     ) -> Anchored<ROWS> {
         match &self.increment {
-            Some(increment) => Anchored::new(model, linearised, increment, world),
-            None => Anchored::at_keyframe(model, linearised, world),
+            Some(increment) => Anchored::new(model, from, increment, world),
+            None => Anchored::at_keyframe(model, from, world),
         }
     }
 
@@ -226,7 +232,7 @@ impl Factor {
     }
 
     /// Evaluates the first group of `factors` anew and appends its rows. Returns how many factors the group has.
-    pub fn push_rows(factors: &[Factor], linearised: &NavState, world: &WorldModel, rows: &mut Rows) -> usize {
+    pub fn push_rows(factors: &[Factor], from: &Departure, world: &WorldModel, rows: &mut Rows) -> usize {
         let Some(first) = factors.first() else { return 0 };
         let members = if first.shares_offset() {
             factors.iter().take_while(|other| other.shares_offset() && other.epoch == first.epoch).count()
@@ -236,7 +242,7 @@ impl Factor {
         rows.open(first.place(), first.group());
         for factor in &factors[..members] {
             // A factor that was usable once and no longer is (a heading near the vertical) says nothing meanwhile.
-            if let Ok(measured) = factor.rows(linearised, world) {
+            if let Ok(measured) = factor.rows(from, world) {
                 rows.extend(measured.as_slice());
             }
         }
@@ -262,6 +268,7 @@ mod tests {
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
     use nav_geometry::Geodetic;
     use nav_models::sensors::LblModel;
+    use nav_models::state::NavState;
     use shared_types::{Config, Lbl};
 
     /// The epoch of §8.6 of the method at x_k of §8.4: cost and normal matrix.
@@ -270,6 +277,7 @@ mod tests {
         let mut state = NavState::identity();
         state.position_enu = Vector3::new(120.0, -340.0, -55.0);
         state.q_enu_body = UnitQuaternion::new_normalize(Quaternion::new(0.9, 0.1, -0.05, 0.42));
+        let from = Departure::new(&state, &world);
         let buoys = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0], [200.0, 500.0, 0.0]];
         let ranges = [207.6, 625.9, 1377.7, 845.8];
         let mut factors = Vec::new();
@@ -278,13 +286,13 @@ mod tests {
             let model = Model::Lbl(LblModel::new(ranges[index], buoys[index], 0.0, &lbl));
             let mut factor = Factor::new(Time(0), model, None, Kernel::None);
             factor.join_epoch(1, index as u32, offset_sigma);
-            factor.whiten(&state, None, None, &world, &mut MeasuredRows::default()).expect("regular");
+            factor.whiten(&from, None, None, &world, &mut MeasuredRows::default()).expect("regular");
             factors.push(factor);
         }
         let mut rows = Rows::default();
         let mut pushed = 0;
         while pushed < factors.len() {
-            pushed += Factor::push_rows(&factors[pushed..], &state, &world, &mut rows);
+            pushed += Factor::push_rows(&factors[pushed..], &from, &world, &mut rows);
         }
         let (mut information, mut right) = (Block::zeros(), BlockVector::zeros());
         rows.assemble(&mut information, &mut right);

@@ -25,7 +25,7 @@ use shared_types::{Config, Duration};
 
 use crate::chain::Link;
 use crate::columns::{Columns, WIDTH, column_of, fadings, or_nothing};
-use crate::kernels::{Block, add_gram_transposed, add_product_transposed, solve_upper};
+use crate::kernels::{Block, add_gram_transposed, add_product_transposed};
 use crate::rows::DIM;
 use crate::systematic::ERRORS;
 
@@ -180,7 +180,7 @@ impl MooringColumns {
             carried -= link.y_transposed().tr_mul(by_position);
             for axis in 0..AXES {
                 let mut column = carried.column(axis).into_owned();
-                solve_upper(link.factor(), &mut column);
+                link.solve_back(&mut column);
                 by_position.set_column(axis, &column);
             }
         }

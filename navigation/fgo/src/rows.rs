@@ -206,7 +206,10 @@ impl Rows {
             match span.group {
                 Group::Single { kernel } => {
                     let rows = &mut self.rows[span.first..span.end];
-                    let s: f64 = rows.iter().map(|row| row.after(delta).powi(2)).sum();
+                    let mut s = 0.0;
+                    for row in rows.iter() {
+                        s += row.after(delta).powi(2);
+                    }
                     losses.add(kernel, rows.len(), s);
                     let new = credited_weight(kernel, rows.len(), s);
                     if (new - rows[0].weight).abs() > tolerance {

@@ -1,6 +1,7 @@
 //! From readings of the closing interval to factors on its keyframes: increments, gates, first weights, counts.
 
 use nalgebra::Vector3;
+use nav_models::departure::Departure;
 use nav_models::innovation::Innovation;
 use nav_models::judging::{Candidate, EPOCH_MAX, Judges, Verdict};
 use nav_models::preintegration::{Piece, Preintegration};
@@ -72,7 +73,10 @@ impl Candidate for Evaluated {
 pub struct Ties {
     config: Config,
     judges: Judges,
+    /// The candidates of one group are the first `heard`. Those behind them are room: a candidate is a kilobyte and a half, and is made
+    /// in its place.
     epoch: Vec<Evaluated>,
+    heard: usize,
     epoch_factors: Vec<Factor>,
     epoch_rows: Vec<Row>,
     /// Ranges that came one by one.
@@ -81,6 +85,8 @@ pub struct Ties {
     pub moorings: Moorings,
     /// What is systematically wrong with each sensor's readings.
     pub systematics: Systematics,
+    /// The keyframe that readings were last tied to, at its linearisation point.
+    departure: Option<(usize, Departure)>,
     /// Room for a piece that has to be integrated.
     side: Preintegration,
     /// Used and refused since the start.
@@ -96,11 +102,13 @@ impl Ties {
             config: config.clone(),
             judges: Judges::default(),
             epoch: Vec::with_capacity(EPOCH_MAX),
+            heard: 0,
             epoch_factors: Vec::with_capacity(EPOCH_MAX),
             epoch_rows: Vec::with_capacity(EPOCH_MAX),
             rounds: Rounds::default(),
             moorings: Moorings::new(config),
             systematics: Systematics::new(&config.navigator.sensors),
+            departure: None,
             side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
             counts: [SensorCounts::default(); SENSORS.len()],
             t_last_used: [Time::MIN; AIDING.len()],
@@ -164,6 +172,7 @@ impl Ties {
         closing: &Closing<'_>,
         report: &mut KeyframeReport,
     ) {
+        self.departure = None;
         let mut rest = pending;
         while let Some((first, _)) = rest.first() {
             let together = rest
@@ -196,9 +205,12 @@ impl Ties {
         };
         let node = &window.nodes()[index];
         self.judges.observe_speed(node.t, node.state.velocity_enu.norm());
-        self.epoch.clear();
+        if !matches!(&self.departure, Some((of, _)) if *of == index) {
+            self.departure = Some((index, Departure::new(&node.linearised, window.world())));
+        }
+        self.heard = 0;
         for (measurement, reading) in group {
-            if self.epoch.len() == EPOCH_MAX {
+            if self.heard == EPOCH_MAX {
                 self.refuse(sensor, RejectReason::TooMany);
                 continue;
             }
@@ -208,19 +220,18 @@ impl Ties {
             }
         }
         self.judge(sensor, report);
-        if self.epoch.is_empty() {
-            return;
-        }
-        if self.epoch[0].factor.shares_offset() {
+        let admitted = &self.epoch[..self.heard];
+        let Some(first) = admitted.first() else { return };
+        if first.factor.shares_offset() {
             self.epoch_factors.clear();
             self.epoch_rows.clear();
-            for candidate in &self.epoch {
+            for candidate in admitted {
                 self.epoch_factors.push(candidate.factor);
                 self.epoch_rows.extend_from_slice(candidate.rows.as_slice());
             }
             window.tie(index, &self.epoch_factors, &self.epoch_rows);
         } else {
-            for candidate in &self.epoch {
+            for candidate in admitted {
                 if !window.tie_jointly(index, &candidate.factor, &candidate.rows) {
                     window.tie(index, core::slice::from_ref(&candidate.factor), candidate.rows.as_slice());
                 }
@@ -228,7 +239,7 @@ impl Ties {
         }
     }
 
-    /// Evaluates one reading at its keyframe, in its place in the epoch: a candidate is a kilobyte and a half.
+    /// Evaluates one reading at its keyframe, which [`Ties::departure`] is of, in its place in the epoch.
     fn evaluate(
         &mut self,
         measurement: &Measurement,
@@ -255,13 +266,15 @@ impl Ties {
         let sensor = model.sensor();
         let kernel =
             self.config.navigator.sensor(sensor).map_or(Kernel::None, |config| self.judges.kernel(sensor, config));
-        let at = self.epoch.len();
-        self.epoch.push(Evaluated {
-            factor: Factor::new(t, model, None, kernel),
-            rows: MeasuredRows::default(),
-            innovation: Innovation::default(),
-        });
-        let Evaluated { factor, rows, innovation } = &mut self.epoch[at];
+        if self.heard == self.epoch.len() {
+            self.epoch.push(Evaluated {
+                factor: Factor::new(t, model, None, kernel),
+                rows: MeasuredRows::default(),
+                innovation: Innovation::default(),
+            });
+        }
+        let Evaluated { factor, rows, innovation } = &mut self.epoch[self.heard];
+        factor.renew(t, model, kernel);
         factor.increment = piece.as_ref().map(|piece| *piece.increment());
         if let Reading::Lbl { buoy, epoch, is_moored, .. } = *reading {
             factor.join_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
@@ -269,25 +282,25 @@ impl Ties {
         }
         let point = if self.systematics.is_estimated(place) { closing.history.at(t) } else { None };
         let doubts = Doubts { point, sigmas: self.systematics.sigmas(place) };
-        if factor.whiten(&node.linearised, piece.as_ref(), Some(&doubts), world, rows).is_err() {
-            self.epoch.truncate(at);
-            return Err(RejectReason::NotFinite);
-        }
+        let Some((_, from)) = &self.departure else { return Err(RejectReason::OlderThanWindow) };
+        factor.whiten(from, piece.as_ref(), Some(&doubts), world, rows).map_err(|_| RejectReason::NotFinite)?;
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
         let covariance =
             if index + 2 == window.nodes().len() { closing.covariance_before } else { closing.covariance_newest };
         *innovation = wide!(Innovation::of(rows.as_slice(), &node.delta, covariance));
+        self.heard += 1;
         Ok(())
     }
 
     /// Gates the group, sets first weights, counts and lists. What was refused leaves the group.
     fn judge(&mut self, sensor: Sensor, report: &mut KeyframeReport) {
-        let (Some(first), Some(config)) = (self.epoch.first(), self.config.navigator.sensor(sensor)) else { return };
+        let heard = &mut self.epoch[..self.heard];
+        let (Some(first), Some(config)) = (heard.first(), self.config.navigator.sensor(sensor)) else { return };
         let (shares_offset, t) = (first.factor.shares_offset(), first.factor.t);
         let (systematics, counts) = (&mut self.systematics, &mut self.counts[sensor.index()]);
         let rounds = &mut self.rounds;
         let mut t_newest = Time::MIN;
-        self.judges.judge(sensor, config, shares_offset, t, &mut self.epoch, |candidate, verdict| {
+        self.heard = self.judges.judge(sensor, config, shares_offset, t, heard, |candidate, verdict| {
             let (place, components) = (candidate.factor.place(), candidate.factor.components());
             systematics.observe(place, &candidate.innovation, components, verdict.weight);
             list_candidate(report, candidate, verdict);

@@ -189,7 +189,7 @@ impl Updater {
         ledger: &mut Ledger<'_>,
     ) {
         let Ledger { judges, counts, report } = ledger;
-        judges.judge(sensor, config, shares_offset, t, &mut self.group, |member, verdict| {
+        let admitted = judges.judge(sensor, config, shares_offset, t, &mut self.group, |member, verdict| {
             let entry = timeline.get_mut(member.index);
             if entry.outcome.is_none() {
                 report.list(FactorReport {
@@ -207,6 +207,7 @@ impl Updater {
             let outcome = if verdict.refused { Outcome::Refused(RejectReason::Gated) } else { Outcome::Used };
             entry.settle(outcome, &mut counts[sensor.index()]);
         });
+        self.group.truncate(admitted);
     }
 }
 

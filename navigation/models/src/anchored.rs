@@ -10,6 +10,8 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use crate::blocks::{times, transposed_times};
+use crate::departure::Departure;
 use crate::preintegration::{ImuPoint, Increment, NoiseRows, Piece};
 use crate::state::{ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::transport::Carried;
@@ -42,6 +44,17 @@ pub struct Pose {
     pub r_enu_body: Matrix3<f64>,
     /// rad/s.
     pub gyro_bias: Vector3<f64>,
+}
+
+impl From<&Departure> for Pose {
+    fn from(Departure { state, r_enu_body, .. }: &Departure) -> Pose {
+        Pose {
+            position_enu: state.position_enu,
+            velocity_enu: state.velocity_enu,
+            r_enu_body: *r_enu_body,
+            gyro_bias: state.gyro_bias,
+        }
+    }
 }
 
 impl From<&NavState> for Pose {
@@ -77,21 +90,21 @@ pub struct Anchored<const ROWS: usize> {
     pub covariance: SMatrix<f64, ROWS, ROWS>,
     /// Q: how it feels the noise of the increment.
     pub noise_rows: NoiseRows<ROWS>,
-    /// Gravity on the way to the reading, m/s²; `None` at the keyframe.
-    gravity_enu: Option<Vector3<f64>>,
+    /// Gravity on the way to the reading, m/s².
+    gravity_enu: Vector3<f64>,
 }
 
 impl<const ROWS: usize> Anchored<ROWS> {
-    /// The factor of a reading at the end of `increment`, which begins at the keyframe `state`.
+    /// The factor of a reading at the end of `increment`, which begins at the keyframe `from`.
     #[inline]
     pub fn new(
         model: &impl SensorModel<ROWS>,
-        state: &NavState,
+        from: &Departure,
         increment: &Increment,
         world: &WorldModel,
     ) -> Anchored<ROWS> {
-        let carried = Carried::new(state, increment, world);
-        let seen = model.see(&carried.pose(state), world);
+        let carried = Carried::new(from, increment, world);
+        let seen = model.see(&carried.pose(&from.state), world);
         let (mut jacobian, by_increment) = carried.rows(&seen.jacobian);
         let by_gyro = model.gyro_bias_jacobian();
         if let Some(direct) = &by_gyro {
@@ -103,14 +116,14 @@ impl<const ROWS: usize> Anchored<ROWS> {
             jacobian,
             covariance: seen.covariance,
             noise_rows: NoiseRows { by_increment, by_gyro },
-            gravity_enu: Some(carried.gravity_enu()),
+            gravity_enu: carried.gravity_enu(),
         }
     }
 
     /// The factor of a reading taken at the keyframe itself.
     #[inline]
-    pub fn at_keyframe(model: &impl SensorModel<ROWS>, state: &NavState, world: &WorldModel) -> Anchored<ROWS> {
-        let seen = model.see(&Pose::from(state), world);
+    pub fn at_keyframe(model: &impl SensorModel<ROWS>, at: &Departure, world: &WorldModel) -> Anchored<ROWS> {
+        let seen = model.see(&Pose::from(at), world);
         let mut jacobian = SMatrix::<f64, ROWS, ERROR_DIM>::zeros();
         jacobian.fixed_columns_mut::<9>(0).copy_from(&seen.jacobian);
         if let Some(direct) = model.gyro_bias_jacobian() {
@@ -121,38 +134,37 @@ impl<const ROWS: usize> Anchored<ROWS> {
             jacobian,
             covariance: seen.covariance,
             noise_rows: NoiseRows { by_increment: SMatrix::zeros(), by_gyro: None },
-            gravity_enu: None,
+            gravity_enu: at.gravity_enu,
         }
     }
 
     /// How fast the residual changes if the reading is taken later, per s: `H (v, v̇, ω)` of the state at the reading.
     ///
-    /// `state` is the keyframe's, `increment` that of [`Anchored::new`] (`None` at the keyframe), `point` the IMU sample at
+    /// `from` is the keyframe, `increment` that of [`Anchored::new`] (`None` at the keyframe), `point` the IMU sample at
     /// the reading. The change of the lever arm's velocity is left out, and over the increment the Earth stands still.
     pub fn rate(
         &self,
-        state: &NavState,
+        from: &Departure,
         increment: Option<&Increment>,
         point: &ImuPoint,
         world: &WorldModel,
     ) -> SVector<f64, ROWS> {
-        let r_enu_body = state.r_enu_body();
+        let Departure { state, r_enu_body, .. } = from;
         let force = point.accel_body - state.accel_bias;
-        let rate = point.gyro_body - state.gyro_bias - r_enu_body.tr_mul(&world.earth_rate_enu);
-        let gravity = self.gravity_enu.unwrap_or_else(|| world.gravity.at(&state.position_enu));
+        let rate = point.gyro_body - state.gyro_bias - transposed_times(r_enu_body, &world.earth_rate_enu);
+        let gravity = self.gravity_enu;
         let columns = |at: usize| self.jacobian.fixed_columns::<3>(at).into_owned();
         let Some(increment) = increment else {
-            let acceleration = r_enu_body * force + gravity;
-            return columns(POSITION) * state.velocity_enu
-                + columns(VELOCITY) * acceleration
-                + columns(ATTITUDE) * rate;
+            let acceleration = times(r_enu_body, &force) + gravity;
+            return times(&columns(POSITION), &state.velocity_enu)
+                + times(&columns(VELOCITY), &acceleration)
+                + times(&columns(ATTITUDE), &rate);
         };
-        let velocity = state.velocity_enu + gravity * increment.dt_total + r_enu_body * increment.beta;
+        let by_increment = |at: usize| self.noise_rows.by_increment.fixed_columns::<3>(at).into_owned();
+        let velocity = state.velocity_enu + gravity * increment.dt_total + times(r_enu_body, &increment.beta);
         // In the axes of the keyframe's body, which the increment is written in.
-        let acceleration: Vector3<f64> = increment.gamma * force + r_enu_body.tr_mul(&gravity);
-        columns(POSITION) * velocity
-            + self.noise_rows.by_increment.fixed_columns::<3>(3) * acceleration
-            + self.noise_rows.by_increment.fixed_columns::<3>(6) * rate
+        let acceleration: Vector3<f64> = times(&increment.gamma, &force) + transposed_times(r_enu_body, &gravity);
+        times(&columns(POSITION), &velocity) + times(&by_increment(3), &acceleration) + times(&by_increment(6), &rate)
     }
 
     /// Λ = R_z + Q P15 Qᵀ: the reading's own covariance and that of the piece from the keyframe.

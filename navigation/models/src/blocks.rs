@@ -3,7 +3,7 @@
 //! The general product of the linear algebra library goes through slices and strides; these are loops of constant
 //! length over whole columns, which the compiler unrolls.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{ArrayStorage, Matrix3, SMatrix, SVector, Vector3};
 
 /// Evaluates an expression with the widest instructions of the processor that it meets, chosen at run time. Sums keep their
 /// order and nothing is fused, so the result is the same to the bit whatever is chosen.
@@ -64,6 +64,30 @@ pub(crate) fn transposed_product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<
         }
     }
     c
+}
+
+/// `a·v`.
+#[inline(always)]
+pub(crate) fn times<const R: usize, const C: usize>(a: &SMatrix<f64, R, C>, v: &SVector<f64, C>) -> SVector<f64, R> {
+    let (a, v) = (&a.data.0, &v.data.0[0]);
+    let mut sum = [0.0; R];
+    for row in 0..R {
+        sum[row] = a[0][row] * v[0];
+    }
+    for column in 1..C {
+        for row in 0..R {
+            sum[row] += a[column][row] * v[column];
+        }
+    }
+    SVector::from_array_storage(ArrayStorage([sum]))
+}
+
+/// `aᵀ·v`.
+#[inline(always)]
+pub(crate) fn transposed_times(a: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+    let (a, v) = (&a.data.0, &v.data.0[0]);
+    let dot = |column: usize| a[column][0] * v[0] + a[column][1] * v[1] + a[column][2] * v[2];
+    Vector3::new(dot(0), dot(1), dot(2))
 }
 
 /// `a·[v]×`.
@@ -184,6 +208,8 @@ mod tests {
         let v = Vector3::new(0.3, -1.2, 0.7);
         assert_relative_eq!(product_with_skew(&a, &v), a * skew(&v), epsilon = 1e-15);
         assert_relative_eq!(skew_product(&v, &a), skew(&v) * a, epsilon = 1e-15);
+        assert_relative_eq!(times(&a, &v), a * v, epsilon = 1e-15);
+        assert_relative_eq!(transposed_times(&a, &v), a.transpose() * v, epsilon = 1e-15);
         let r = SMatrix::<f64, 5, 3>::from_fn(|row, column| ((row * 3 + column) as f64).sin());
         let root = SMatrix::<f64, 5, 5>::from_fn(|row, column| ((row * 11 + column * 4) as f64).cos());
         let c = root * root.transpose();

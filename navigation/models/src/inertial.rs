@@ -71,7 +71,8 @@ impl ImuFactor {
     #[inline]
     fn difference(&self, from: &NavState, to: &NavState, world: &WorldModel) -> Difference {
         let dt = self.preintegration.dt_total;
-        let earth = EarthMotion::over(dt, from, world);
+        let gravity = world.gravity.at(&(from.position_enu + from.velocity_enu * (0.5 * dt)));
+        let earth = EarthMotion::over(dt, gravity, world);
         let moved = self.preintegration.corrected(&from.accel_bias, &from.gyro_bias);
         let r_from = from.r_enu_body();
         let step = to.position_enu - from.position_enu;

@@ -191,7 +191,8 @@ impl Judges {
         witnesses.iter().any(agrees) && !is_state_wrong && !is_too_long && !self.is_inertial_to_blame()
     }
 
-    /// Judges what one sensor measured at `t`: gates, sets weights, tells of each. What was refused leaves the group.
+    /// Judges what one sensor measured at `t`: gates, sets weights, tells of each. What was admitted comes first in the group, in its
+    /// order; returned is how many they are.
     ///
     /// A sensor that its gate has refused five times in a row is admitted by its kernel: the state may be what is wrong. Unless
     /// others agree with the state and the kernel leaves nothing of the reading, or never lets go of it: then it stays refused.
@@ -205,11 +206,11 @@ impl Judges {
         config: &SensorConfig,
         shares_offset: bool,
         t: Time,
-        group: &mut Vec<C>,
+        group: &mut [C],
         mut tell: impl FnMut(&mut C, Verdict),
-    ) {
+    ) -> usize {
         if group.is_empty() {
-            return;
+            return 0;
         }
         self.t_heard[sensor.index()] = t;
         let mut is_gated = config.gate;
@@ -234,7 +235,9 @@ impl Judges {
         let (share, doubt) = (&mut self.shares[sensor.index()], &mut self.doubts[sensor.index()]);
         let (mut passed, mut improbable, all) = (0, 0, group.len());
         let mut is_forced = false;
-        group.retain_mut(|candidate| {
+        let mut admitted = 0;
+        for index in 0..group.len() {
+            let candidate = &mut group[index];
             let components = candidate.components();
             let kernel = candidate.kernel();
             let innovation = candidate.innovation();
@@ -262,8 +265,13 @@ impl Judges {
             candidate.rows().iter_mut().for_each(|row| row.weight = counted);
             let gate = if is_gated { Innovation::gate(sensor, components) } else { [0.0; 2] };
             tell(candidate, Verdict { refused, contradicted: is_void && is_long, weight, gate });
-            !refused
-        });
+            if !refused {
+                if admitted < index {
+                    group.swap(admitted, index);
+                }
+                admitted += 1;
+            }
+        }
         // Of a single range nothing is known of its kind: it may be an echo.
         if 2 * improbable > all && (sensor == Sensor::Gnss || sensor == Sensor::Lbl && all > 1) {
             if t - self.t_improbable <= DISSENT_WITHIN {
@@ -288,6 +296,7 @@ impl Judges {
             self.refusals[sensor.index()].observe(t, passed > 0);
             self.is_fix_far &= sensor != Sensor::Gnss || passed == 0;
         }
+        admitted
     }
 }
 
@@ -426,7 +435,7 @@ mod tests {
             let row = Row { jacobian, residual, inverse_sigma: 1.0 / SIGMA, weight: 1.0, slopes, mooring: None };
             Read(innovation, config.kernel, Some(row))
         };
-        let mut epoch = [0.3, 1.9, 3.6, 5.1].map(range).into();
+        let mut epoch = [0.3, 1.9, 3.6, 5.1].map(range);
         judges.judge(Sensor::Lbl, config, false, Time::from_seconds(t), &mut epoch, |_, verdict| {
             assert!(!verdict.refused, "each is within its gate");
         });

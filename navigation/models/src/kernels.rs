@@ -77,7 +77,7 @@ fn eliminate_band<const N: usize, const FROM: usize>(
 
 /// 1/L_jj.
 #[inline(always)]
-fn inverse_diagonal<const N: usize>(l: &Block<N>) -> [f64; N] {
+pub fn inverse_diagonal<const N: usize>(l: &Block<N>) -> [f64; N] {
     core::array::from_fn::<f64, N, _>(|j| l.data.0[j][j]).map(|pivot| 1.0 / pivot)
 }
 
@@ -116,15 +116,20 @@ pub fn solve_lower<const N: usize>(l: &Block<N>, b: &mut BlockVector<N>) {
     }
 }
 
-/// Solves Lᵀ x = b in place, for an L with nothing above its diagonal.
+/// Solves Lᵀ x = b in place, for an L with nothing above its diagonal: given are Lᵀ and 1/L_jj.
+///
+/// By columns, as [`solve_lower`]: one unknown waits for a product and a difference of the last, not for a sum and a quotient.
 #[inline(always)]
-pub fn solve_upper<const N: usize>(l: &Block<N>, b: &mut BlockVector<N>) {
-    // What is not solved yet is zero, so that whole columns can be multiplied.
-    let mut x = BlockVector::<N>::zeros();
+pub fn solve_upper<const N: usize>(l_transposed: &Block<N>, inverse_diagonal: &[f64; N], b: &mut BlockVector<N>) {
+    let mut rest = b.data.0[0];
+    let x = &mut b.data.0[0];
     for j in (0..N).rev() {
-        x[j] = (b[j] - dot_of(&l.data.0[j], &x.data.0[0])) / l.data.0[j][j];
+        let value = rest[j] * inverse_diagonal[j];
+        x[j] = value;
+        for i in 0..N {
+            rest[i] -= l_transposed.data.0[j][i] * value;
+        }
     }
-    *b = x;
 }
 
 /// target += sign · Xᵀ X for X given transposed (`xt`, one column per row of X) and a symmetric target.
@@ -235,18 +240,6 @@ fn dot_of<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     (strands[0] + strands[1]) + (strands[2] + strands[3])
 }
 
-/// target −= X δ for X given transposed.
-#[inline(always)]
-pub fn subtract_times<const N: usize, const R: usize>(
-    target: &mut SVector<f64, R>,
-    xt: &SMatrix<f64, N, R>,
-    delta: &BlockVector<N>,
-) {
-    for r in 0..R {
-        target.data.0[0][r] -= dot_of(&xt.data.0[r], &delta.data.0[0]);
-    }
-}
-
 /// Inverse of L Lᵀ.
 #[inline(always)]
 pub fn inverse_from_cholesky<const N: usize>(l: &Block<N>) -> Block<N> {
@@ -285,7 +278,7 @@ mod tests {
         solve_lower(&l, &mut x);
         assert!((l * x - b).amax() < 1e-12);
         let mut x = b;
-        solve_upper(&l, &mut x);
+        solve_upper(&l.transpose(), &inverse_diagonal(&l), &mut x);
         assert!((l.transpose() * x - b).amax() < 1e-12);
         let right = B::from_fn(|i, j| (i as f64 * 0.3 - j as f64).cos());
         let mut xt = right.transpose();
@@ -306,9 +299,6 @@ mod tests {
         assert!((sum - a.transpose() * v).amax() < 1e-13);
         let w = BlockVector::<15>::from_fn(|i, _| 0.3 * i as f64 - 1.0);
         assert!((dot(&sum, &w) - sum.dot(&w)).abs() < 1e-13);
-        let mut reduced = v;
-        subtract_times(&mut reduced, &a.transpose(), &BlockVector::<15>::repeat(1.0));
-        assert!((reduced - (v - a * BlockVector::<15>::repeat(1.0))).amax() < 1e-13);
     }
 
     #[test]

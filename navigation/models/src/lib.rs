@@ -5,6 +5,7 @@
 
 pub mod anchored;
 mod blocks;
+pub mod departure;
 pub mod doubt;
 pub mod estimator;
 pub mod gaps;

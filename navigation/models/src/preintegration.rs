@@ -23,7 +23,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::so3;
 use shared_types::ImuNoise;
 
-use crate::blocks::product;
+use crate::blocks::{product, times};
 use crate::gaps::Inflation;
 use crate::wide;
 use covariance::{CovarianceBlocks, StepModel};
@@ -140,11 +140,11 @@ impl Increment {
         let accel_change = accel_bias - self.accel_bias;
         let gyro_change = gyro_bias - self.gyro_bias;
         let d = &self.bias_jacobian;
-        let c = d.phi_gyro * gyro_change;
+        let c = times(&d.phi_gyro, &gyro_change);
         let (turn, right_jacobian) = so3::exp_and_right_jacobian(&c);
         CorrectedIncrement {
-            alpha: self.alpha + d.alpha_accel * accel_change + d.alpha_gyro * gyro_change,
-            beta: self.beta + d.beta_accel * accel_change + d.beta_gyro * gyro_change,
+            alpha: self.alpha + times(&d.alpha_accel, &accel_change) + times(&d.alpha_gyro, &gyro_change),
+            beta: self.beta + times(&d.beta_accel, &accel_change) + times(&d.beta_gyro, &gyro_change),
             gamma: product(&self.gamma, &turn),
             c,
             right_jacobian,
@@ -227,7 +227,7 @@ impl Preintegration {
         let model = StepModel {
             dt,
             // γ'[a]×Exp(θ)ᵀ = γ'Exp(θ)ᵀ·[Exp(θ)a]× = γ·[Exp(θ)a]×
-            force_by_phi: product(&self.gamma, &so3::skew(&(accel_first + turn * accel_second))) * -0.5,
+            force_by_phi: product(&self.gamma, &so3::skew(&(accel_first + times(&turn, &accel_second)))) * -0.5,
             force_by_gyro: product(&turned_force_second, &right_jacobian) * (0.5 * dt),
             force_by_accel: (self.gamma + gamma_next) * -0.5,
             turn_transposed: turn.transpose(),
@@ -247,7 +247,7 @@ impl Preintegration {
     /// [`Preintegration::step`] without bias Jacobians and covariance.
     #[inline]
     pub fn step_mean(&mut self, dt_signed: f64, first: &ImuPoint, second: &ImuPoint) {
-        let gamma_next = self.gamma * so3::exp(&self.angle(dt_signed, first, second));
+        let gamma_next = product(&self.gamma, &so3::exp(&self.angle(dt_signed, first, second)));
         let accel_first = first.accel_body - self.accel_bias;
         let accel_second = second.accel_body - self.accel_bias;
         self.step_to(dt_signed, gamma_next, &accel_first, &accel_second);
@@ -261,7 +261,7 @@ impl Preintegration {
     #[inline]
     fn step_to(&mut self, dt: f64, gamma_next: Matrix3<f64>, accel_first: &Vector3<f64>, accel_second: &Vector3<f64>) {
         let increment = &mut self.increment;
-        let mean_force = (increment.gamma * accel_first + gamma_next * accel_second) * 0.5;
+        let mean_force = (times(&increment.gamma, accel_first) + times(&gamma_next, accel_second)) * 0.5;
         increment.alpha += increment.beta * dt + mean_force * (0.5 * dt * dt);
         increment.beta += mean_force * dt;
         increment.gamma = gamma_next;

@@ -5,7 +5,7 @@
 use nalgebra::{ArrayStorage, SMatrix, SVector};
 
 use crate::anchored::Anchored;
-use crate::blocks::inverse_cholesky;
+use crate::blocks::{inverse_cholesky, times};
 use crate::kernels::{BlockVector, dot};
 use crate::state::ERROR_DIM;
 
@@ -98,15 +98,22 @@ impl MeasuredRows {
         whitening: &SMatrix<f64, ROWS, ROWS>,
         slopes: &SMatrix<f64, ROWS, SLOTS>,
     ) -> Result<(), Unusable> {
-        let residual: SVector<f64, ROWS> = whitening * anchored.residual;
-        let jacobian: SMatrix<f64, ROWS, ERROR_DIM> = whitening * anchored.jacobian;
-        if !residual.iter().chain(jacobian.iter()).chain(slopes.iter()).all(|x| x.is_finite()) {
+        let residual = times(whitening, &anchored.residual);
+        let mut jacobian = SMatrix::<f64, ROWS, ERROR_DIM>::zeros();
+        for (white, column) in jacobian.data.0.iter_mut().zip(&anchored.jacobian.data.0) {
+            *white = times(whitening, &SVector::from_array_storage(ArrayStorage([*column]))).data.0[0];
+        }
+        // All of them: to stop at the first that is not would be a branch for each.
+        let numbers = residual.as_slice().iter().chain(jacobian.as_slice()).chain(slopes.as_slice());
+        if !numbers.fold(true, |all, x| all & x.is_finite()) {
             self.count = 0;
             return Err(Unusable);
         }
         self.count = ROWS;
         for (index, row) in self.rows[..ROWS].iter_mut().enumerate() {
-            row.jacobian = jacobian.row(index).transpose();
+            for (entry, column) in row.jacobian.iter_mut().zip(&jacobian.data.0) {
+                *entry = column[index];
+            }
             row.residual = residual[index];
             row.inverse_sigma = whitening[(index, index)];
             row.weight = 1.0;

@@ -14,7 +14,8 @@ use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use nav_geometry::so3;
 
 use crate::anchored::Pose;
-use crate::blocks::{product, transposed_product};
+use crate::blocks::{product, times, transposed_product, transposed_times};
+use crate::departure::Departure;
 use crate::preintegration::{CorrectedIncrement, Increment};
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::world::WorldModel;
@@ -33,11 +34,16 @@ pub(crate) struct EarthMotion {
 }
 
 impl EarthMotion {
+    /// Over `dt`, with `gravity` half way.
     #[inline]
-    pub(crate) fn over(dt: f64, from: &NavState, world: &WorldModel) -> EarthMotion {
-        let gravity = world.gravity.at(&(from.position_enu + from.velocity_enu * (0.5 * dt)));
+    pub(crate) fn over(dt: f64, gravity: Vector3<f64>, world: &WorldModel) -> EarthMotion {
         let [turn, left_jacobian, gamma2] = so3::exp_left_jacobian_and_gamma2(&(world.earth_rate_enu * dt));
-        EarthMotion { turn, fall: gamma2 * gravity * (dt * dt), fall_velocity: left_jacobian * gravity * dt, gravity }
+        EarthMotion {
+            turn,
+            fall: times(&gamma2, &gravity) * (dt * dt),
+            fall_velocity: times(&left_jacobian, &gravity) * dt,
+            gravity,
+        }
     }
 }
 
@@ -53,7 +59,8 @@ pub struct TransportJacobians {
 /// The state at the end of `increment`, which begins (in its own sense of time) at `from`. Biases stay.
 #[inline]
 pub fn transport(from: &NavState, increment: &Increment, world: &WorldModel) -> NavState {
-    Carried::new(from, increment, world).state(from)
+    let half_way = from.position_enu + from.velocity_enu * (0.5 * increment.dt_total);
+    Carried::under(world.gravity.at(&half_way), &from.r_enu_body(), from, increment, world).state(from)
 }
 
 /// A state on its way: what its new place and the rows of a sensor there have in common.
@@ -67,10 +74,22 @@ pub(crate) struct Carried<'a> {
 
 impl<'a> Carried<'a> {
     #[inline]
-    pub(crate) fn new(from: &NavState, increment: &'a Increment, world: &WorldModel) -> Carried<'a> {
+    pub(crate) fn new(from: &Departure, increment: &'a Increment, world: &WorldModel) -> Carried<'a> {
+        let gravity = from.gravity_over(increment.dt_total);
+        Carried::under(gravity, &from.r_enu_body, &from.state, increment, world)
+    }
+
+    #[inline]
+    fn under(
+        gravity: Vector3<f64>,
+        r_enu_body: &Matrix3<f64>,
+        from: &NavState,
+        increment: &'a Increment,
+        world: &WorldModel,
+    ) -> Carried<'a> {
         Carried {
-            earth: EarthMotion::over(increment.dt_total, from, world),
-            r_enu_body: from.r_enu_body(),
+            earth: EarthMotion::over(increment.dt_total, gravity, world),
+            r_enu_body: *r_enu_body,
             moved: increment.corrected(&from.accel_bias, &from.gyro_bias),
             increment,
             earth_rate_enu: world.earth_rate_enu,
@@ -82,12 +101,14 @@ impl<'a> Carried<'a> {
         self.earth.gravity
     }
 
-    /// What a sensor sees at the end; `from` is that of [`Carried::new`].
+    /// What a sensor sees at the end; `from` is the state of [`Carried::new`].
     #[inline]
     pub(crate) fn pose(&self, from: &NavState) -> Pose {
         let (dt, turn) = (self.increment.dt_total, &self.earth.turn);
-        let step = turn.tr_mul(&(from.velocity_enu * dt + self.earth.fall + self.r_enu_body * self.moved.alpha));
-        let velocity = turn.tr_mul(&(from.velocity_enu + self.earth.fall_velocity + self.r_enu_body * self.moved.beta));
+        let by_force = times(&self.r_enu_body, &self.moved.alpha);
+        let step = transposed_times(turn, &(from.velocity_enu * dt + self.earth.fall + by_force));
+        let by_force = times(&self.r_enu_body, &self.moved.beta);
+        let velocity = transposed_times(turn, &(from.velocity_enu + self.earth.fall_velocity + by_force));
         Pose {
             position_enu: from.position_enu + step,
             velocity_enu: velocity - self.earth_rate_enu.cross(&step),
@@ -96,7 +117,7 @@ impl<'a> Carried<'a> {
         }
     }
 
-    /// The state at the end; `from` is that of [`Carried::new`].
+    /// The state at the end; `from` is the state of [`Carried::new`].
     #[inline]
     pub(crate) fn state(&self, from: &NavState) -> NavState {
         let Pose { position_enu, velocity_enu, r_enu_body, gyro_bias } = self.pose(from);
@@ -121,10 +142,10 @@ impl<'a> Carried<'a> {
             let [by_position, by_velocity, by_attitude] = [part(POSITION), part(VELOCITY), part(ATTITUDE)];
             // −(hᵀ[ω]×)ᵀ = ω×h: the velocity loses ω×(p_j − p_k), so a step of position counts that much less.
             let by_step = by_position + self.earth_rate_enu.cross(&by_velocity);
-            let (turned_step, turned_velocity) = (turn * by_step, turn * by_velocity);
-            let by_alpha = self.r_enu_body.tr_mul(&turned_step);
-            let by_beta = self.r_enu_body.tr_mul(&turned_velocity);
-            let by_end_rate = self.moved.right_jacobian.tr_mul(&by_attitude);
+            let (turned_step, turned_velocity) = (times(turn, &by_step), times(turn, &by_velocity));
+            let by_alpha = transposed_times(&self.r_enu_body, &turned_step);
+            let by_beta = transposed_times(&self.r_enu_body, &turned_velocity);
+            let by_end_rate = transposed_times(&self.moved.right_jacobian, &by_attitude);
             let mut put = |at: usize, values: Vector3<f64>| {
                 for axis in 0..3 {
                     by_state[(row, at + axis)] = values[axis];
@@ -135,12 +156,16 @@ impl<'a> Carried<'a> {
             // −(qᵀ[α]×)ᵀ = α×q.
             put(
                 ATTITUDE,
-                self.moved.alpha.cross(&by_alpha) + self.moved.beta.cross(&by_beta) + self.moved.gamma * by_attitude,
+                self.moved.alpha.cross(&by_alpha)
+                    + self.moved.beta.cross(&by_beta)
+                    + times(&self.moved.gamma, &by_attitude),
             );
-            put(ACCEL_BIAS, d.alpha_accel.tr_mul(&by_alpha) + d.beta_accel.tr_mul(&by_beta));
+            put(ACCEL_BIAS, transposed_times(&d.alpha_accel, &by_alpha) + transposed_times(&d.beta_accel, &by_beta));
             put(
                 GYRO_BIAS,
-                d.alpha_gyro.tr_mul(&by_alpha) + d.beta_gyro.tr_mul(&by_beta) + d.phi_gyro.tr_mul(&by_end_rate),
+                transposed_times(&d.alpha_gyro, &by_alpha)
+                    + transposed_times(&d.beta_gyro, &by_beta)
+                    + transposed_times(&d.phi_gyro, &by_end_rate),
             );
             for axis in 0..3 {
                 by_increment[(row, axis)] = by_alpha[axis];
@@ -274,7 +299,7 @@ mod tests {
             let state = random_state(&mut rng);
             let increment = random_increment(&mut rng, &state, if trial % 2 == 0 { 1.0 } else { -1.0 });
             let h = SMatrix::<f64, 3, 9>::from_fn(|i, j| ((7 * i + j + trial) as f64).sin());
-            let (by_state, by_increment) = Carried::new(&state, &increment, &world).rows(&h);
+            let (by_state, by_increment) = Carried::new(&Departure::new(&state, &world), &increment, &world).rows(&h);
             let matrices = transport_jacobians(&state, &increment, &world);
             assert_relative_eq!(by_state, h * matrices.state, epsilon = 1e-13);
             assert_relative_eq!(by_increment, h * matrices.increment, epsilon = 1e-13);

@@ -14,6 +14,7 @@ use shared_types::{Config, Reading, Time};
 
 use super::Covariance;
 use crate::anchored::{Anchored, SensorModel};
+use crate::departure::Departure;
 use crate::imu_history::{ImuHistory, ImuModel};
 use crate::preintegration::{Piece, Preintegration};
 use crate::row::{MeasuredRows, inverse_root};
@@ -99,8 +100,9 @@ impl<'a> Adjustment<'a> {
         let offset_sigma = self.config.navigator.lbl_common_offset_sigma;
         // 1ᵀD1, 1ᵀDJ and 1ᵀDr of the ranges.
         let (mut weight, mut by_offset, mut shared) = (0.0, SVector::<f64, ERROR_DIM>::zeros(), 0.0);
+        let from = Departure::new(state, self.world);
         for tied in &self.tied {
-            let measured = tied.rows(state, self.world)?;
+            let measured = tied.rows(&from, self.world)?;
             for row in measured.as_slice() {
                 *normal += row.jacobian * row.jacobian.transpose();
                 *gradient += row.jacobian * row.residual;
@@ -121,23 +123,23 @@ impl<'a> Adjustment<'a> {
 }
 
 impl Tied {
-    fn rows(&self, state: &NavState, world: &WorldModel) -> Option<MeasuredRows> {
+    fn rows(&self, from: &Departure, world: &WorldModel) -> Option<MeasuredRows> {
         match &self.model {
-            Model::Lbl(model) => self.whitened(model, state, world),
-            Model::Gnss(model) => self.whitened(model, state, world),
-            Model::Dvl(model) => self.whitened(model, state, world),
-            Model::Mcp(model) => self.whitened(model, state, world),
-            Model::Ps(model) => self.whitened(model, state, world),
+            Model::Lbl(model) => self.whitened(model, from, world),
+            Model::Gnss(model) => self.whitened(model, from, world),
+            Model::Dvl(model) => self.whitened(model, from, world),
+            Model::Mcp(model) => self.whitened(model, from, world),
+            Model::Ps(model) => self.whitened(model, from, world),
         }
     }
 
     fn whitened<const ROWS: usize>(
         &self,
         model: &impl SensorModel<ROWS>,
-        state: &NavState,
+        from: &Departure,
         world: &WorldModel,
     ) -> Option<MeasuredRows> {
-        let anchored = Anchored::new(model, state, &self.increment, world);
+        let anchored = Anchored::new(model, from, &self.increment, world);
         let whitening = inverse_root(&anchored.inflated_covariance(&Piece::Forward(&self.increment)))?;
         MeasuredRows::whitened(&anchored, &whitening, &nalgebra::SMatrix::zeros()).ok()
     }

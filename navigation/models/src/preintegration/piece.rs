@@ -14,6 +14,8 @@
 
 use nalgebra::{SMatrix, Vector3};
 
+use crate::blocks::{times, transposed_times};
+
 use super::covariance::CovarianceBlocks;
 use super::{Increment, Preintegration};
 
@@ -86,17 +88,20 @@ fn carry_back(row: &Parts, prefix: &Increment, rest: &Increment, back: &Incremen
     let [by_alpha, by_beta, by_phi, _, by_gyro] = row;
     let (gamma, dt, d) = (&rest.gamma, rest.dt_total, &rest.bias_jacobian);
     // s = Q V, V = [−γᵀ γᵀT [α_b]×; 0 −γᵀ [β_b]×; 0 0 −γ]; columns, so transposed: qᵀ[a]× is q×a.
-    let turned_alpha = gamma * by_alpha;
+    let turned_alpha = times(gamma, by_alpha);
     let alpha = -turned_alpha;
-    let beta = turned_alpha * dt - gamma * by_beta;
-    let phi = by_alpha.cross(&back.alpha) + by_beta.cross(&back.beta) - gamma.tr_mul(by_phi);
-    let accel = -(d.alpha_accel.tr_mul(&alpha) + d.beta_accel.tr_mul(&beta));
-    let gyro = -(d.alpha_gyro.tr_mul(&alpha) + d.beta_gyro.tr_mul(&beta) + d.phi_gyro.tr_mul(&phi)) - by_gyro;
-    let (u_alpha, u_beta) = (prefix.gamma * alpha, prefix.gamma * beta);
+    let beta = turned_alpha * dt - times(gamma, by_beta);
+    let phi = by_alpha.cross(&back.alpha) + by_beta.cross(&back.beta) - transposed_times(gamma, by_phi);
+    let accel = -(transposed_times(&d.alpha_accel, &alpha) + transposed_times(&d.beta_accel, &beta));
+    let gyro = -(transposed_times(&d.alpha_gyro, &alpha)
+        + transposed_times(&d.beta_gyro, &beta)
+        + transposed_times(&d.phi_gyro, &phi))
+        - by_gyro;
+    let (u_alpha, u_beta) = (times(&prefix.gamma, &alpha), times(&prefix.gamma, &beta));
     let through_prefix = [
         u_alpha,
         u_alpha * dt + u_beta,
-        rest.alpha.cross(&alpha) + rest.beta.cross(&beta) + gamma * phi,
+        rest.alpha.cross(&alpha) + rest.beta.cross(&beta) + times(gamma, &phi),
         Vector3::zeros(),
         -by_gyro,
     ];
@@ -142,21 +147,26 @@ impl CovarianceBlocks {
     #[inline]
     fn times(&self, [alpha, beta, phi, accel, gyro]: &Parts) -> Parts {
         [
-            self.alpha_alpha * alpha
-                + self.alpha_beta * beta
-                + self.alpha_phi * phi
-                + self.alpha_accel * accel
-                + self.alpha_gyro * gyro,
-            self.alpha_beta.tr_mul(alpha)
-                + self.beta_beta * beta
-                + self.beta_phi * phi
-                + self.beta_accel * accel
-                + self.beta_gyro * gyro,
-            self.alpha_phi.tr_mul(alpha) + self.beta_phi.tr_mul(beta) + self.phi_phi * phi + self.phi_gyro * gyro,
-            self.alpha_accel.tr_mul(alpha) + self.beta_accel.tr_mul(beta) + accel * self.accel_walk,
-            self.alpha_gyro.tr_mul(alpha)
-                + self.beta_gyro.tr_mul(beta)
-                + self.phi_gyro.tr_mul(phi)
+            times(&self.alpha_alpha, alpha)
+                + times(&self.alpha_beta, beta)
+                + times(&self.alpha_phi, phi)
+                + times(&self.alpha_accel, accel)
+                + times(&self.alpha_gyro, gyro),
+            transposed_times(&self.alpha_beta, alpha)
+                + times(&self.beta_beta, beta)
+                + times(&self.beta_phi, phi)
+                + times(&self.beta_accel, accel)
+                + times(&self.beta_gyro, gyro),
+            transposed_times(&self.alpha_phi, alpha)
+                + transposed_times(&self.beta_phi, beta)
+                + times(&self.phi_phi, phi)
+                + times(&self.phi_gyro, gyro),
+            transposed_times(&self.alpha_accel, alpha)
+                + transposed_times(&self.beta_accel, beta)
+                + accel * self.accel_walk,
+            transposed_times(&self.alpha_gyro, alpha)
+                + transposed_times(&self.beta_gyro, beta)
+                + transposed_times(&self.phi_gyro, phi)
                 + gyro * self.gyro_walk,
         ]
     }

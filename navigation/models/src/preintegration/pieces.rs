@@ -16,7 +16,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use nav_geometry::so3::skew;
 
-use crate::blocks::{product, product_with_skew, skew_product};
+use crate::blocks::{product, product_with_skew, skew_product, times};
 
 use super::covariance::{CovarianceBlocks, symmetric};
 use super::{BiasJacobian, Increment, Preintegration};
@@ -223,8 +223,8 @@ impl Increment {
     pub fn between_prefixes(prefix_kj: &Increment, whole_ke: &Increment) -> Increment {
         let dt = whole_ke.dt_total - prefix_kj.dt_total;
         let r_j_k = prefix_kj.gamma.transpose();
-        let alpha = r_j_k * (whole_ke.alpha - prefix_kj.alpha - prefix_kj.beta * dt);
-        let beta = r_j_k * (whole_ke.beta - prefix_kj.beta);
+        let alpha = times(&r_j_k, &(whole_ke.alpha - prefix_kj.alpha - prefix_kj.beta * dt));
+        let beta = times(&r_j_k, &(whole_ke.beta - prefix_kj.beta));
         let gamma = product(&r_j_k, &whole_ke.gamma);
         let carry = Carry::of(&prefix_kj.gamma, dt, &alpha, &beta, &gamma);
         let bias =
@@ -268,8 +268,8 @@ impl Increment {
     pub fn reversed(&self) -> Increment {
         let dt = self.dt_total;
         let r_end_start = self.gamma.transpose();
-        let beta = -(r_end_start * self.beta);
-        let alpha = r_end_start * (self.beta * dt - self.alpha);
+        let beta = -times(&r_end_start, &self.beta);
+        let alpha = times(&r_end_start, &(self.beta * dt - self.alpha));
         let d = &self.bias_jacobian;
         let bias_jacobian = BiasJacobian {
             alpha_accel: product(&r_end_start, &(d.beta_accel * dt - d.alpha_accel)),

@@ -14,7 +14,7 @@ use nav_geometry::so3;
 use shared_types::{Dvl, ImuNoise};
 
 use crate::anchored::{Pose, Seen, SensorModel};
-use crate::blocks::{product, product_transposed, product_with_skew};
+use crate::blocks::{product, product_transposed, product_with_skew, times, transposed_times};
 use crate::state::{ATTITUDE, VELOCITY};
 use crate::world::WorldModel;
 
@@ -63,8 +63,8 @@ impl DvlModel {
 
 impl SensorModel<3> for DvlModel {
     fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<3> {
-        let velocity_body = pose.r_enu_body.tr_mul(&pose.velocity_enu);
-        let earth_rate_body = pose.r_enu_body.tr_mul(&world.earth_rate_enu);
+        let velocity_body = transposed_times(&pose.r_enu_body, &pose.velocity_enu);
+        let earth_rate_body = transposed_times(&pose.r_enu_body, &world.earth_rate_enu);
         let arm = &self.lever_arm_body;
         let rate_body = self.gyro_body - pose.gyro_bias - earth_rate_body;
         let scaled = self.r_dvl_body * (1.0 + self.scale);
@@ -76,7 +76,7 @@ impl SensorModel<3> for DvlModel {
         jacobian.fixed_columns_mut::<3>(VELOCITY).copy_from(&product_transposed(&scaled, &pose.r_enu_body));
         jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&product(&scaled, &by_attitude));
         Seen {
-            residual: scaled * (velocity_body + rate_body.cross(arm)) - self.velocity_dvl,
+            residual: times(&scaled, &(velocity_body + rate_body.cross(arm))) - self.velocity_dvl,
             jacobian,
             covariance: self.covariance,
         }

@@ -13,6 +13,7 @@ use nalgebra::{SMatrix, Vector1, Vector3};
 use shared_types::Lbl;
 
 use crate::anchored::{Pose, Seen, SensorModel};
+use crate::blocks::{times, transposed_times};
 use crate::state::{ATTITUDE, POSITION};
 use crate::world::WorldModel;
 
@@ -48,7 +49,7 @@ impl LblModel {
 
     /// ρ and u: distance from the buoy to the transducer and its direction. On the buoy itself the direction is zero.
     pub fn distance_and_direction(&self, pose: &Pose) -> (f64, Vector3<f64>) {
-        let from_buoy = pose.position_enu + pose.r_enu_body * self.lever_arm_body - self.buoy_enu;
+        let from_buoy = pose.position_enu + times(&pose.r_enu_body, &self.lever_arm_body) - self.buoy_enu;
         let distance = from_buoy.norm();
         (distance, if distance > 0.0 { from_buoy / distance } else { Vector3::zeros() })
     }
@@ -61,7 +62,7 @@ impl SensorModel<1> for LblModel {
         let by_position = direction * (1.0 + self.range_scale);
         let mut jacobian = SMatrix::<f64, 1, 9>::zeros();
         jacobian.fixed_columns_mut::<3>(POSITION).copy_from(&by_position.transpose());
-        let by_attitude = self.lever_arm_body.cross(&pose.r_enu_body.tr_mul(&by_position));
+        let by_attitude = self.lever_arm_body.cross(&transposed_times(&pose.r_enu_body, &by_position));
         jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&by_attitude.transpose());
         let buoy = (1.0 + self.range_scale) * self.buoy_sigma;
         Seen {

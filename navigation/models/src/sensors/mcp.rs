@@ -15,6 +15,7 @@ use nalgebra::{Matrix3, SMatrix, Vector1, Vector3};
 use shared_types::Mcp;
 
 use crate::anchored::{Pose, Seen, SensorModel};
+use crate::blocks::transposed_times;
 use crate::state::{ATTITUDE, NavState};
 use crate::world::WorldModel;
 
@@ -68,7 +69,7 @@ impl McpModel {
 
 /// The first two rows of R': east and north at the vehicle along the axes of the body.
 fn east_and_north(position_enu: &Vector3<f64>, r_enu_body: &Matrix3<f64>, world: &WorldModel) -> [Vector3<f64>; 2] {
-    world.frame.east_and_north_at(position_enu).map(|axis| r_enu_body.tr_mul(&axis))
+    world.frame.east_and_north_at(position_enu).map(|axis| transposed_times(r_enu_body, &axis))
 }
 
 impl SensorModel<1> for McpModel {

@@ -13,6 +13,7 @@ use nav_geometry::SurfacePoint;
 use shared_types::Vehicle;
 
 use crate::anchored::{Pose, Seen, SensorModel};
+use crate::blocks::{times, transposed_times};
 use crate::state::{ATTITUDE, POSITION};
 use crate::world::WorldModel;
 
@@ -43,12 +44,12 @@ impl PsModel {
 
 impl SensorModel<1> for PsModel {
     fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<1> {
-        let port_enu = pose.position_enu + pose.r_enu_body * self.lever_arm_body;
+        let port_enu = pose.position_enu + times(&pose.r_enu_body, &self.lever_arm_body);
         let SurfacePoint { up_enu, height, .. } = world.frame.surface_point(&port_enu);
         let down = -up_enu;
         let mut jacobian = SMatrix::<f64, 1, 9>::zeros();
         jacobian.fixed_columns_mut::<3>(POSITION).copy_from(&down.transpose());
-        let by_attitude = self.lever_arm_body.cross(&pose.r_enu_body.tr_mul(&down));
+        let by_attitude = self.lever_arm_body.cross(&transposed_times(&pose.r_enu_body, &down));
         jacobian.fixed_columns_mut::<3>(ATTITUDE).copy_from(&by_attitude.transpose());
         Seen {
             residual: Vector1::new(self.surface_height - height - self.depth),
