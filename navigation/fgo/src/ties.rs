@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use nav_models::departure::Departure;
 use nav_models::innovation::Innovation;
 use nav_models::judging::{Candidate, EPOCH_MAX, Judges, Verdict};
-use nav_models::preintegration::{Piece, Preintegration};
+use nav_models::preintegration::{Piece, Preintegration, Turned};
 use nav_models::recovery::Checked;
 use nav_models::rounds::Rounds;
 use nav_models::row::Row;
@@ -89,6 +89,8 @@ pub struct Ties {
     departure: Option<(usize, Departure)>,
     /// Room for a piece that has to be integrated.
     side: Preintegration,
+    /// Room for one that is turned round.
+    turned: Turned,
     /// Used and refused since the start.
     pub counts: [SensorCounts; SENSORS.len()],
     /// Newest used measurement per aiding sensor.
@@ -110,6 +112,7 @@ impl Ties {
             systematics: Systematics::new(&config.navigator.sensors),
             departure: None,
             side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
+            turned: Turned::default(),
             counts: [SensorCounts::default(); SENSORS.len()],
             t_last_used: [Time::MIN; AIDING.len()],
         }
@@ -253,10 +256,11 @@ impl Ties {
         let place = place(measurement).ok_or(RejectReason::Malformed)?;
         let t = measurement.t_valid() - self.systematics.offset(place);
         let node = &window.nodes()[index];
-        let side = &mut self.side;
-        let piece = piece_to(t, index, window, closing, side)?;
+        let piece = piece_to(t, index, window, closing, &mut self.side, &mut self.turned)?;
+        let is_estimated = self.systematics.is_estimated(place);
+        let point = if is_estimated || measurement.kind == Sensor::Dvl as u32 { closing.history.at(t) } else { None };
         let gyro = || {
-            let gyro_body = closing.history.at(t)?.gyro_body;
+            let gyro_body = point?.gyro_body;
             Some(GyroAt { gyro_body, dt_imu: closing.history.sampling_period_at(t).as_seconds() })
         };
         let mut model = Model::of(reading, vehicle, &node.state, world, gyro)?;
@@ -280,8 +284,7 @@ impl Ties {
             factor.join_epoch(epoch, buoy, self.config.navigator.lbl_common_offset_sigma);
             factor.mooring = if is_moored { self.moorings.place(buoy) } else { None };
         }
-        let point = if self.systematics.is_estimated(place) { closing.history.at(t) } else { None };
-        let doubts = Doubts { point, sigmas: self.systematics.sigmas(place) };
+        let doubts = Doubts { point: point.filter(|_| is_estimated), sigmas: self.systematics.sigmas(place) };
         let Some((_, from)) = &self.departure else { return Err(RejectReason::OlderThanWindow) };
         factor.whiten(from, piece.as_ref(), Some(&doubts), world, rows).map_err(|_| RejectReason::NotFinite)?;
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
@@ -336,7 +339,7 @@ pub fn place(measurement: &Measurement) -> Option<usize> {
     AIDING.iter().position(|&aiding| aiding == sensor)
 }
 
-/// The piece from keyframe `index` to `t`, with `side` as room for what has to be integrated; `None` where they coincide.
+/// The piece from keyframe `index` to `t`, with room for what has to be integrated and turned round; `None` where they coincide.
 #[inline(always)]
 fn piece_to<'a>(
     t: Time,
@@ -344,6 +347,7 @@ fn piece_to<'a>(
     window: &Window,
     closing: &Closing<'a>,
     side: &'a mut Preintegration,
+    turned: &'a mut Turned,
 ) -> Result<Option<Piece<'a>>, RejectReason> {
     let nodes = window.nodes();
     let node = &nodes[index];
@@ -355,7 +359,11 @@ fn piece_to<'a>(
     if is_inside && index + 1 >= newest {
         let prefix = closing.open.up_to(t, closing.imu, side).ok_or(RejectReason::NoImu)?;
         let is_backward = index == newest;
-        return Ok(Some(if is_backward { Piece::backward(prefix, closing.whole) } else { Piece::Forward(prefix) }));
+        return Ok(Some(if is_backward {
+            Piece::backward(prefix, closing.whole, turned)
+        } else {
+            Piece::Forward(prefix)
+        }));
     }
     let biases = (&node.state.accel_bias, &node.state.gyro_bias);
     let integrated = closing.history.integrate(node.t, t, biases.0, biases.1, closing.imu);

@@ -334,20 +334,21 @@ impl Window {
 
     /// Collects the blocks of one link from its factors.
     fn gather(&mut self, index: usize) {
-        let (mut diagonal, mut right) = if index == 0 {
-            (self.prior.information, self.prior.right)
-        } else {
-            let before = &self.nodes[index - 1].interval;
-            before.far
+        let (before, rest) = self.nodes.make_contiguous().split_at_mut(index);
+        let (of_past, pull_of_past) = match before.last() {
+            Some(before) => (&before.interval.far.0, &before.interval.far.1),
+            None => (&self.prior.information, &self.prior.right),
         };
-        let node = &mut self.nodes[index];
-        diagonal += node.sensors.0;
-        right += node.sensors.1;
-        diagonal += node.interval.near.0;
-        right += node.interval.near.1;
-        node.link.diagonal = diagonal;
-        node.link.right = right;
-        node.link.next_transposed = node.interval.coupling_transposed;
+        let Node { link, sensors, interval, .. } = &mut *rest[0];
+        // Added up in its place: a block is two kilobytes.
+        for (column, sum) in link.diagonal.data.0.iter_mut().enumerate() {
+            let at = |block: &Block<DIM>, row: usize| block.data.0[column][row];
+            for (row, sum) in sum.iter_mut().enumerate() {
+                *sum = at(of_past, row) + at(&sensors.0, row) + at(&interval.near.0, row);
+            }
+        }
+        link.right = pull_of_past + sensors.1 + interval.near.1;
+        link.next_transposed.copy_from(&interval.coupling_transposed);
     }
 
     /// Back substitution, at least down to the first changed link and from there until the change is no longer felt.

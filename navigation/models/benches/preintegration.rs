@@ -8,7 +8,9 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{UnitQuaternion, Vector3};
 use nav_geometry::{Geodetic, GravityModel, LocalFrame};
 use nav_models::sensors::{DvlModel, PsModel};
-use nav_models::{Anchored, ImuFactor, ImuPoint, NavState, Piece, Preintegration, Propagator, WorldModel, transport};
+use nav_models::{
+    Anchored, ImuFactor, ImuPoint, NavState, Piece, Preintegration, Propagator, Turned, WorldModel, transport,
+};
 use shared_types::{Config, Header, ImuSample, Solution, SolutionStatus, Time};
 
 fn point(phase: f64) -> ImuPoint {
@@ -50,7 +52,8 @@ fn benches(criterion: &mut Criterion) {
         b.iter(|| running.step_mean(0.005, black_box(&first), black_box(&second)));
     });
     criterion.bench_function("backward_piece", |b| {
-        b.iter(|| *Piece::backward(black_box(&whole), black_box(&whole)).increment());
+        let mut room = Turned::default();
+        b.iter(|| *Piece::backward(black_box(&whole), black_box(&whole), &mut room).increment());
     });
     criterion.bench_function("transport", |b| b.iter(|| transport(black_box(&state), &whole, &world)));
     let factor = ImuFactor::new(whole);

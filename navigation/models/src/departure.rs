@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Some thirty readings leave from one keyframe: its rotation matrix and gravity around it are worked out once for all of them. The line
-//! stands for the curve to (vT/R)² g, 1e-12 m/s² where a keyframe's readings are.
+//! stands for the curve to (vT/R)² g, some 1e-11 m/s² a second away.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -57,7 +57,7 @@ mod tests {
         for dt in [-1.25, -0.3, 0.0, 0.6, 2.0] {
             let there = world.gravity.at(&(state.position_enu + state.velocity_enu * (0.5 * dt)));
             let off = (departure.gravity_over(dt) - there).norm();
-            assert!(off < 2e-12, "{dt} s: {off:e} m/s²");
+            assert!(off < 5e-11, "{dt} s: {off:e} m/s²");
         }
     }
 }

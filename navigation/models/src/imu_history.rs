@@ -68,7 +68,8 @@ impl ImuHistory {
 
     /// Forgets what is older than `t`, but for the one sample from which `t` itself is interpolated.
     pub fn forget_before(&mut self, t: Time) {
-        let forgotten = self.samples.iter().skip(1).take_while(|sample| sample.t <= t).count();
+        let after = self.first_from(Time(t.0.saturating_add(1)));
+        let forgotten = after.saturating_sub(1);
         if forgotten > 0 {
             self.samples.drain(..forgotten);
             self.is_held_back = false;
@@ -83,7 +84,7 @@ impl ImuHistory {
             && (oldest.t..=newest.t).contains(&t)
             && oldest.t < newest.t
         {
-            let share = (t - oldest.t).as_seconds() / (newest.t - oldest.t).as_seconds();
+            let share = (t - oldest.t).0 as f64 / (newest.t - oldest.t).0 as f64;
             let guess = (share * (self.samples.len() - 1) as f64) as usize;
             for place in guess.saturating_sub(1)..(guess + 3).min(self.samples.len()) {
                 let is_after = place == 0 || is_before(&self.samples[place - 1]);

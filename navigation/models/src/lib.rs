@@ -37,7 +37,7 @@ pub use blocks::dispatch;
 pub use estimator::{Effort, Estimator, EstimatorError};
 pub use inertial::{ImuFactor, ImuJacobians, ImuWeight, NotPositiveDefinite};
 pub use initialisation::Initialiser;
-pub use preintegration::{CorrectedIncrement, ImuPoint, Increment, NoiseRows, Piece, Preintegration};
+pub use preintegration::{CorrectedIncrement, ImuPoint, Increment, NoiseRows, Piece, Preintegration, Turned};
 pub use propagator::{Propagator, PropagatorError};
 pub use state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 pub use transport::{TransportJacobians, transport, transport_jacobians};

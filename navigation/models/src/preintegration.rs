@@ -27,7 +27,7 @@ use crate::blocks::{product, times};
 use crate::gaps::Inflation;
 use crate::wide;
 use covariance::{CovarianceBlocks, StepModel};
-pub use piece::{NoiseRows, Piece};
+pub use piece::{NoiseRows, Piece, Turned};
 
 /// Bias changes that move an increment further than this, in rad and m/s, are beyond the first-order correction.
 const REINTEGRATE_ANGLE: f64 = 1e-3;
@@ -134,6 +134,11 @@ pub struct CorrectedIncrement {
 }
 
 impl Increment {
+    /// That of no time, at no biases.
+    fn none() -> Increment {
+        Preintegration::new(Vector3::zeros(), Vector3::zeros()).increment
+    }
+
     /// The increment at other biases, to first order.
     #[inline]
     pub fn corrected(&self, accel_bias: &Vector3<f64>, gyro_bias: &Vector3<f64>) -> CorrectedIncrement {

@@ -179,7 +179,7 @@ impl Losses {
     const PRODUCT_MAX: f64 = 1e100;
 
     /// Adds the loss of a block whose squared whitened norm is `s`.
-    #[inline]
+    #[inline(always)]
     pub fn add(&mut self, kernel: Kernel, components: usize, s: f64) {
         match kernel {
             Kernel::Cauchy(c) | Kernel::AdaptiveCauchy(c) => {

@@ -31,8 +31,20 @@ pub struct NoiseRows<const ROWS: usize> {
 /// Columns by α, β, φ, accelerometer bias, gyroscope bias of one row.
 type Parts = [Vector3<f64>; 5];
 
+/// Room for what [`Piece::backward`] works out, a kilobyte: it is made where it stays.
+#[derive(Clone, Copy, Debug)]
+pub struct Turned {
+    rest: Increment,
+    back: Increment,
+}
+
+impl Default for Turned {
+    fn default() -> Turned {
+        Turned { rest: Increment::none(), back: Increment::none() }
+    }
+}
+
 /// From a keyframe to a reading.
-#[expect(clippy::large_enum_variant, reason = "one at a time, on the stack, and nothing may be allocated here")]
 #[derive(Clone, Copy, Debug)]
 pub enum Piece<'a> {
     /// From the earlier keyframe: a prefix of the interval as it stands.
@@ -43,26 +55,25 @@ pub enum Piece<'a> {
         prefix: &'a Preintegration,
         /// From the earlier keyframe to the later.
         whole: &'a Preintegration,
-        /// From the reading to the later keyframe.
-        rest: Increment,
-        /// From the later keyframe to the reading.
-        back: Increment,
+        /// From the reading to the later keyframe, and back.
+        turned: &'a Turned,
     },
 }
 
 impl<'a> Piece<'a> {
     /// The piece from the end of `whole` back to the end of `prefix`, both of one run.
     #[inline(always)]
-    pub fn backward(prefix: &'a Preintegration, whole: &'a Preintegration) -> Piece<'a> {
-        let rest = Increment::between_prefixes(prefix, whole);
-        Piece::Backward { prefix, whole, back: rest.reversed(), rest }
+    pub fn backward(prefix: &'a Preintegration, whole: &'a Preintegration, room: &'a mut Turned) -> Piece<'a> {
+        room.rest = Increment::between_prefixes(prefix, whole);
+        room.back = room.rest.reversed();
+        Piece::Backward { prefix, whole, turned: room }
     }
 
     /// From the keyframe to the reading.
     pub fn increment(&self) -> &Increment {
         match self {
             Piece::Forward(prefix) => prefix,
-            Piece::Backward { back, .. } => back,
+            Piece::Backward { turned, .. } => &turned.back,
         }
     }
 
@@ -72,7 +83,7 @@ impl<'a> Piece<'a> {
         let parts: [Parts; ROWS] = core::array::from_fn(|row| rows.parts(row));
         match self {
             Piece::Forward(prefix) => prefix.blocks.seen_by(&parts),
-            Piece::Backward { prefix, whole, rest, back } => {
+            Piece::Backward { prefix, whole, turned: Turned { rest, back } } => {
                 let carried = parts.map(|row| carry_back(&row, prefix, rest, back));
                 let through_whole = carried.map(|(by_whole, _)| by_whole);
                 let through_prefix = carried.map(|(_, by_prefix)| by_prefix);

@@ -424,7 +424,8 @@ fn rows_see_the_noise_of_a_backward_piece_without_its_covariance() {
         }
         let rows = NoiseRows { by_increment, by_gyro };
         let back = Preintegration::piece_from_prefixes(&prefix, &whole).reversed();
-        let piece = Piece::backward(&prefix, &whole);
+        let mut room = Turned::default();
+        let piece = Piece::backward(&prefix, &whole, &mut room);
         assert_eq!(*piece.increment(), back.increment);
         for (piece, oracle) in [(piece, back), (Piece::Forward(&prefix), prefix)] {
             let expected = q * oracle.covariance() * q.transpose();
