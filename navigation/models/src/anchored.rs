@@ -19,6 +19,10 @@ use crate::world::WorldModel;
 
 /// What a sensor sees of the state at its own time. `ROWS` residuals; no model whitens, weighs or gates.
 pub trait SensorModel<const ROWS: usize> {
+    /// Whether its Jacobian has columns other than those of the attitude: nothing else of the way to a heading's own time needs to be
+    /// carried back to the keyframe.
+    const SEES_MOTION: bool = true;
+
     /// The reading held against `pose`. All at once, since the parts share most of their work.
     fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<ROWS>;
 
@@ -97,15 +101,15 @@ pub struct Anchored<const ROWS: usize> {
 impl<const ROWS: usize> Anchored<ROWS> {
     /// The factor of a reading at the end of `increment`, which begins at the keyframe `from`.
     #[inline]
-    pub fn new(
-        model: &impl SensorModel<ROWS>,
+    pub fn new<M: SensorModel<ROWS>>(
+        model: &M,
         from: &Departure,
         increment: &Increment,
         world: &WorldModel,
     ) -> Anchored<ROWS> {
         let carried = Carried::new(from, increment, world);
         let seen = model.see(&carried.pose(&from.state), world);
-        let (mut jacobian, by_increment) = carried.rows(&seen.jacobian);
+        let (mut jacobian, by_increment) = carried.rows(&seen.jacobian, M::SEES_MOTION);
         let by_gyro = model.gyro_bias_jacobian();
         if let Some(direct) = &by_gyro {
             let mut columns = jacobian.fixed_columns_mut::<3>(GYRO_BIAS);
@@ -115,7 +119,7 @@ impl<const ROWS: usize> Anchored<ROWS> {
             residual: seen.residual,
             jacobian,
             covariance: seen.covariance,
-            noise_rows: NoiseRows { by_increment, by_gyro },
+            noise_rows: NoiseRows { by_increment, by_gyro, sees_motion: M::SEES_MOTION },
             gravity_enu: carried.gravity_enu(),
         }
     }
@@ -133,7 +137,7 @@ impl<const ROWS: usize> Anchored<ROWS> {
             residual: seen.residual,
             jacobian,
             covariance: seen.covariance,
-            noise_rows: NoiseRows { by_increment: SMatrix::zeros(), by_gyro: None },
+            noise_rows: NoiseRows { by_increment: SMatrix::zeros(), by_gyro: None, sees_motion: false },
             gravity_enu: at.gravity_enu,
         }
     }

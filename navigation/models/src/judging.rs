@@ -218,7 +218,13 @@ impl Judges {
             is_gated &= take_out_median(group);
         }
         let admits = self.refusals[sensor.index()].admits_next();
-        let is_contradicted = self.is_contradicted(sensor, t);
+        // Nobody is asked about a sensor that nothing is the matter with.
+        let fails = |one: &mut C| {
+            let components = one.components();
+            !one.innovation().passes(sensor, components)
+        };
+        let is_questioned = admits || group.iter_mut().any(fails);
+        let is_contradicted = is_questioned && self.is_contradicted(sensor, t);
         let (_, since) = self.refusals[sensor.index()].run();
         let is_long = since.is_some_and(|since| t - since > CONTRADICTED_FOR);
         // The state has held out without it, as far as those can tell who know where it is.

@@ -127,11 +127,13 @@ impl<'a> Carried<'a> {
         NavState { position_enu, velocity_enu, q_enu_body, accel_bias: from.accel_bias, gyro_bias }
     }
 
-    /// `H·T_j` and `H·L` of a sensor's rows H, from right to left: a tenth of the work of the matrices themselves.
-    #[inline]
+    /// `H·T_j` and `H·L` of a sensor's rows H, from right to left: a tenth of the work of the matrices themselves. Without
+    /// `sees_motion` only the columns of the attitude are not zero.
+    #[inline(always)]
     pub(crate) fn rows<const ROWS: usize>(
         &self,
         h: &SMatrix<f64, ROWS, 9>,
+        sees_motion: bool,
     ) -> (SMatrix<f64, ROWS, ERROR_DIM>, SMatrix<f64, ROWS, 9>) {
         let d = &self.increment.bias_jacobian;
         let turn = &self.earth.turn;
@@ -140,17 +142,25 @@ impl<'a> Carried<'a> {
         for row in 0..ROWS {
             let part = |at: usize| Vector3::new(h[(row, at)], h[(row, at + 1)], h[(row, at + 2)]);
             let [by_position, by_velocity, by_attitude] = [part(POSITION), part(VELOCITY), part(ATTITUDE)];
-            // −(hᵀ[ω]×)ᵀ = ω×h: the velocity loses ω×(p_j − p_k), so a step of position counts that much less.
-            let by_step = by_position + self.earth_rate_enu.cross(&by_velocity);
-            let (turned_step, turned_velocity) = (times(turn, &by_step), times(turn, &by_velocity));
-            let by_alpha = transposed_times(&self.r_enu_body, &turned_step);
-            let by_beta = transposed_times(&self.r_enu_body, &turned_velocity);
             let by_end_rate = transposed_times(&self.moved.right_jacobian, &by_attitude);
             let mut put = |at: usize, values: Vector3<f64>| {
                 for axis in 0..3 {
                     by_state[(row, at + axis)] = values[axis];
                 }
             };
+            for axis in 0..3 {
+                by_increment[(row, 6 + axis)] = by_attitude[axis];
+            }
+            if !sees_motion {
+                put(ATTITUDE, times(&self.moved.gamma, &by_attitude));
+                put(GYRO_BIAS, transposed_times(&d.phi_gyro, &by_end_rate));
+                continue;
+            }
+            // −(hᵀ[ω]×)ᵀ = ω×h: the velocity loses ω×(p_j − p_k), so a step of position counts that much less.
+            let by_step = by_position + self.earth_rate_enu.cross(&by_velocity);
+            let (turned_step, turned_velocity) = (times(turn, &by_step), times(turn, &by_velocity));
+            let by_alpha = transposed_times(&self.r_enu_body, &turned_step);
+            let by_beta = transposed_times(&self.r_enu_body, &turned_velocity);
             put(POSITION, by_position);
             put(VELOCITY, turned_step * self.increment.dt_total + turned_velocity);
             // −(qᵀ[α]×)ᵀ = α×q.
@@ -170,7 +180,6 @@ impl<'a> Carried<'a> {
             for axis in 0..3 {
                 by_increment[(row, axis)] = by_alpha[axis];
                 by_increment[(row, 3 + axis)] = by_beta[axis];
-                by_increment[(row, 6 + axis)] = by_attitude[axis];
             }
         }
         (by_state, by_increment)
@@ -299,7 +308,8 @@ mod tests {
             let state = random_state(&mut rng);
             let increment = random_increment(&mut rng, &state, if trial % 2 == 0 { 1.0 } else { -1.0 });
             let h = SMatrix::<f64, 3, 9>::from_fn(|i, j| ((7 * i + j + trial) as f64).sin());
-            let (by_state, by_increment) = Carried::new(&Departure::new(&state, &world), &increment, &world).rows(&h);
+            let (by_state, by_increment) =
+                Carried::new(&Departure::new(&state, &world), &increment, &world).rows(&h, true);
             let matrices = transport_jacobians(&state, &increment, &world);
             assert_relative_eq!(by_state, h * matrices.state, epsilon = 1e-13);
             assert_relative_eq!(by_increment, h * matrices.increment, epsilon = 1e-13);

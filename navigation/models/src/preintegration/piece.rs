@@ -26,6 +26,8 @@ pub struct NoiseRows<const ROWS: usize> {
     pub by_increment: SMatrix<f64, ROWS, 9>,
     /// Columns of the gyroscope bias; `None` where the sensor does not look at the gyroscope.
     pub by_gyro: Option<SMatrix<f64, ROWS, 3>>,
+    /// Whether any of the columns of α and β is not zero.
+    pub sees_motion: bool,
 }
 
 /// Columns by α, β, φ, accelerometer bias, gyroscope bias of one row.
@@ -80,6 +82,9 @@ impl<'a> Piece<'a> {
     /// Q P15 Qᵀ.
     #[inline]
     pub fn noise<const ROWS: usize>(&self, rows: &NoiseRows<ROWS>) -> SMatrix<f64, ROWS, ROWS> {
+        if !rows.sees_motion && rows.by_gyro.is_none() {
+            return self.noise_of_turns(rows);
+        }
         let parts: [Parts; ROWS] = core::array::from_fn(|row| rows.parts(row));
         match self {
             Piece::Forward(prefix) => prefix.blocks.seen_by(&parts),
@@ -88,6 +93,40 @@ impl<'a> Piece<'a> {
                 let through_whole = carried.map(|(by_whole, _)| by_whole);
                 let through_prefix = carried.map(|(_, by_prefix)| by_prefix);
                 whole.blocks.seen_by(&through_whole) - prefix.blocks.seen_by(&through_prefix)
+            }
+        }
+    }
+}
+
+impl Piece<'_> {
+    /// The same of rows that feel nothing but φ.
+    #[inline]
+    fn noise_of_turns<const ROWS: usize>(&self, rows: &NoiseRows<ROWS>) -> SMatrix<f64, ROWS, ROWS> {
+        let by_phi = |row: usize| Vector3::from_fn(|axis, _| rows.by_increment[(row, 6 + axis)]);
+        let turns: [Vector3<f64>; ROWS] = core::array::from_fn(by_phi);
+        match self {
+            Piece::Forward(prefix) => {
+                let seen = turns.map(|phi| times(&prefix.blocks.phi_phi, &phi));
+                SMatrix::from_fn(|left, right| turns[left].dot(&seen[right]))
+            }
+            Piece::Backward { prefix, whole, turned: Turned { rest, .. } } => {
+                let carried = turns.map(|by_phi| {
+                    let phi = -transposed_times(&rest.gamma, &by_phi);
+                    let gyro = -transposed_times(&rest.bias_jacobian.phi_gyro, &phi);
+                    [phi, gyro, times(&rest.gamma, &phi)]
+                });
+                let (whole, prefix) = (&whole.blocks, &prefix.blocks);
+                let seen = carried.map(|[phi, gyro, through_prefix]| {
+                    [
+                        times(&whole.phi_phi, &phi) + times(&whole.phi_gyro, &gyro),
+                        transposed_times(&whole.phi_gyro, &phi) + gyro * whole.gyro_walk,
+                        times(&prefix.phi_phi, &through_prefix),
+                    ]
+                });
+                SMatrix::from_fn(|left, right| {
+                    let ([phi, gyro, through_prefix], [by_phi, by_gyro, of_prefix]) = (&carried[left], &seen[right]);
+                    phi.dot(by_phi) + gyro.dot(by_gyro) - through_prefix.dot(of_prefix)
+                })
             }
         }
     }

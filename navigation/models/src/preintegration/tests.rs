@@ -413,16 +413,21 @@ fn rows_see_the_noise_of_a_backward_piece_without_its_covariance() {
     let samples = turning_samples(8, 201);
     let biases = (Vector3::new(0.01, 0.0, -0.01), Vector3::new(1e-3, 0.0, 0.0));
     let whole = run(&samples, 0.005, biases.0, biases.1);
-    let by_increment = SMatrix::<f64, 3, 9>::from_fn(|i, j| ((3 * i + 2 * j) as f64).sin());
+    let by_all = SMatrix::<f64, 3, 9>::from_fn(|i, j| ((3 * i + 2 * j) as f64).sin());
+    let mut by_attitude = by_all;
+    by_attitude.fixed_columns_mut::<6>(0).fill(0.0);
     let by_gyro = Some(SMatrix::<f64, 3, 3>::from_fn(|i, j| ((5 * i + j) as f64).cos()));
-    for (split, by_gyro) in [(1, by_gyro), (73, by_gyro), (150, None), (199, by_gyro)] {
+    for (split, by_gyro, sees_motion) in
+        [(1, by_gyro, true), (73, by_gyro, true), (150, None, true), (150, None, false), (199, by_gyro, false)]
+    {
+        let by_increment = if sees_motion { by_all } else { by_attitude };
         let prefix = run(&samples[..=split], 0.005, biases.0, biases.1);
         let mut q = SMatrix::<f64, 3, 15>::zeros();
         q.fixed_columns_mut::<9>(0).copy_from(&by_increment);
         if let Some(by_gyro) = by_gyro {
             q.fixed_columns_mut::<3>(12).copy_from(&by_gyro);
         }
-        let rows = NoiseRows { by_increment, by_gyro };
+        let rows = NoiseRows { by_increment, by_gyro, sees_motion };
         let back = Preintegration::piece_from_prefixes(&prefix, &whole).reversed();
         let mut room = Turned::default();
         let piece = Piece::backward(&prefix, &whole, &mut room);

@@ -73,6 +73,8 @@ fn east_and_north(position_enu: &Vector3<f64>, r_enu_body: &Matrix3<f64>, world:
 }
 
 impl SensorModel<1> for McpModel {
+    const SEES_MOTION: bool = false;
+
     /// ∂ψ/∂p, at most tan φ/N, is left out; R_z is (σ/cos pitch)².
     fn see(&self, pose: &Pose, world: &WorldModel) -> Seen<1> {
         let [east, north] = east_and_north(&pose.position_enu, &pose.r_enu_body, world);
