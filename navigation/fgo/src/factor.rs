@@ -8,7 +8,7 @@ use nav_models::anchored::{Anchored, SensorModel};
 use nav_models::departure::Departure;
 use nav_models::preintegration::{ImuPoint, Increment, Piece};
 pub use nav_models::row::MeasuredRows;
-use nav_models::row::{ROWS_MAX, SLOTS, Unusable, inverse_root};
+use nav_models::row::{ROWS_MAX, SLOTS, Unusable, inverse_root, whitened};
 pub use nav_models::sensors::Model;
 use nav_models::world::WorldModel;
 use shared_types::{Kernel, Sensor, Time};
@@ -167,9 +167,10 @@ impl Factor {
             }
         }
         let whitening = inverse_root(&covariance).ok_or(Unusable)?;
+        let slopes = whitened(&whitening, &slopes);
         self.whitening.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
-        self.slopes.fixed_rows_mut::<ROWS>(0).copy_from(&(whitening * slopes));
-        self.fill(rows, &anchored)
+        self.slopes.fixed_rows_mut::<ROWS>(0).copy_from(&slopes);
+        self.give(rows, &anchored, &whitening, &slopes)
     }
 
     /// Puts it at another time, at the end of another increment from its keyframe. Its whitening stays.
@@ -220,13 +221,19 @@ impl Factor {
 
     fn whitened<const ROWS: usize>(&self, anchored: &Anchored<ROWS>) -> Result<MeasuredRows, Unusable> {
         let mut rows = MeasuredRows::default();
-        self.fill(&mut rows, anchored)?;
+        let whitening = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
+        self.give(&mut rows, anchored, &whitening, &self.slopes.fixed_rows::<ROWS>(0).into_owned())?;
         Ok(rows)
     }
 
-    fn fill<const ROWS: usize>(&self, rows: &mut MeasuredRows, anchored: &Anchored<ROWS>) -> Result<(), Unusable> {
-        let whitening: SMatrix<f64, ROWS, ROWS> = self.whitening.fixed_view::<ROWS, ROWS>(0, 0).into_owned();
-        rows.fill(anchored, &whitening, &self.slopes.fixed_rows::<ROWS>(0).into_owned())?;
+    fn give<const ROWS: usize>(
+        &self,
+        rows: &mut MeasuredRows,
+        anchored: &Anchored<ROWS>,
+        whitening: &SMatrix<f64, ROWS, ROWS>,
+        slopes: &SMatrix<f64, ROWS, SLOTS>,
+    ) -> Result<(), Unusable> {
+        rows.fill(anchored, whitening, slopes)?;
         rows.as_mut_slice().iter_mut().for_each(|row| row.mooring = self.mooring);
         Ok(())
     }

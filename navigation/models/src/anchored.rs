@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use crate::blocks::{times, transposed_times};
+use crate::blocks::{block_of, times, transposed_times};
 use crate::departure::Departure;
 use crate::preintegration::{ImuPoint, Increment, NoiseRows, Piece};
 use crate::state::{ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
@@ -157,14 +157,14 @@ impl<const ROWS: usize> Anchored<ROWS> {
         let force = point.accel_body - state.accel_bias;
         let rate = point.gyro_body - state.gyro_bias - transposed_times(r_enu_body, &world.earth_rate_enu);
         let gravity = self.gravity_enu;
-        let columns = |at: usize| self.jacobian.fixed_columns::<3>(at).into_owned();
+        let columns = |at: usize| block_of::<ROWS, 3, ROWS, ERROR_DIM>(&self.jacobian, 0, at);
         let Some(increment) = increment else {
             let acceleration = times(r_enu_body, &force) + gravity;
             return times(&columns(POSITION), &state.velocity_enu)
                 + times(&columns(VELOCITY), &acceleration)
                 + times(&columns(ATTITUDE), &rate);
         };
-        let by_increment = |at: usize| self.noise_rows.by_increment.fixed_columns::<3>(at).into_owned();
+        let by_increment = |at: usize| block_of::<ROWS, 3, ROWS, 9>(&self.noise_rows.by_increment, 0, at);
         let velocity = state.velocity_enu + gravity * increment.dt_total + times(r_enu_body, &increment.beta);
         // In the axes of the keyframe's body, which the increment is written in.
         let acceleration: Vector3<f64> = times(&increment.gamma, &force) + transposed_times(r_enu_body, &gravity);

@@ -3,6 +3,7 @@
 //! The general product of the linear algebra library goes through slices and strides; these are loops of constant
 //! length over whole columns, which the compiler unrolls.
 
+use crate::kernels::dot_of;
 use nalgebra::{ArrayStorage, Matrix3, SMatrix, SVector, Vector3};
 
 /// Evaluates an expression with the widest instructions of the processor that it meets, chosen at run time. Sums keep their
@@ -64,6 +65,20 @@ pub(crate) fn transposed_product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<
         }
     }
     c
+}
+
+/// The block of `a` whose first element is at `row`, `column`.
+#[inline(always)]
+pub(crate) fn block_of<const R: usize, const C: usize, const M: usize, const N: usize>(
+    a: &SMatrix<f64, M, N>,
+    row: usize,
+    column: usize,
+) -> SMatrix<f64, R, C> {
+    let mut block = SMatrix::zeros();
+    for (to, from) in block.data.0.iter_mut().zip(&a.data.0[column..column + C]) {
+        to.copy_from_slice(&from[row..row + R]);
+    }
+    block
 }
 
 /// `a·v`.
@@ -128,7 +143,7 @@ pub(crate) fn sandwich<const N: usize>(r: &SMatrix<f64, N, 3>, c: &SMatrix<f64, 
             }
         }
         for left in 0..=right {
-            let sum: f64 = r_columns[left].iter().zip(&product).map(|(a, b)| a * b).sum();
+            let sum = dot_of(&r_columns[left], &product);
             result[(left, right)] = sum;
             result[(right, left)] = sum;
         }
@@ -210,6 +225,8 @@ mod tests {
         assert_relative_eq!(skew_product(&v, &a), skew(&v) * a, epsilon = 1e-15);
         assert_relative_eq!(times(&a, &v), a * v, epsilon = 1e-15);
         assert_relative_eq!(transposed_times(&a, &v), a.transpose() * v, epsilon = 1e-15);
+        let wide = SMatrix::<f64, 4, 7>::from_fn(|row, column| (row * 10 + column) as f64);
+        assert_eq!(block_of::<2, 3, 4, 7>(&wide, 1, 3), wide.fixed_view::<2, 3>(1, 3).into_owned());
         let r = SMatrix::<f64, 5, 3>::from_fn(|row, column| ((row * 3 + column) as f64).sin());
         let root = SMatrix::<f64, 5, 5>::from_fn(|row, column| ((row * 11 + column * 4) as f64).cos());
         let c = root * root.transpose();

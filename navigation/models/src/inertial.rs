@@ -15,6 +15,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 use nav_geometry::so3;
 
+use crate::blocks::{product, product_transposed, product_with_skew, times, transposed_product, transposed_times};
 use crate::kernels::{cholesky, solve_lower_transposed};
 use crate::preintegration::{CorrectedIncrement, Preintegration};
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
@@ -77,12 +78,13 @@ impl ImuFactor {
         let r_from = from.r_enu_body();
         let step = to.position_enu - from.position_enu;
         let end_velocity = to.velocity_enu + world.earth_rate_enu.cross(&step);
-        let r_body_enu = r_from.tr_mul(&earth.turn);
-        let relative_rotation = r_body_enu * to.r_enu_body();
+        let r_body_enu = transposed_product(&r_from, &earth.turn);
+        let relative_rotation = product(&r_body_enu, &to.r_enu_body());
         Difference {
-            position: r_body_enu * step - r_from.tr_mul(&(from.velocity_enu * dt + earth.fall)),
-            velocity: r_body_enu * end_velocity - r_from.tr_mul(&(from.velocity_enu + earth.fall_velocity)),
-            attitude: so3::log(&moved.gamma.tr_mul(&relative_rotation)),
+            position: times(&r_body_enu, &step) - transposed_times(&r_from, &(from.velocity_enu * dt + earth.fall)),
+            velocity: times(&r_body_enu, &end_velocity)
+                - transposed_times(&r_from, &(from.velocity_enu + earth.fall_velocity)),
+            attitude: so3::log(&transposed_product(&moved.gamma, &relative_rotation)),
             relative_rotation,
             r_body_enu,
             moved,
@@ -127,7 +129,7 @@ impl ImuFactor {
     fn jacobians_of(&self, difference: &Difference, from: &NavState, world: &WorldModel) -> ImuJacobians {
         let d = &self.preintegration.bias_jacobian;
         let r_from_transposed = from.r_enu_body().transpose();
-        let body_earth_rate = difference.r_body_enu * so3::skew(&world.earth_rate_enu);
+        let body_earth_rate = product_with_skew(&difference.r_body_enu, &world.earth_rate_enu);
         let attitude_inverse = so3::right_jacobian_inverse(&difference.attitude);
 
         let mut from_jacobian = SMatrix::<f64, ERROR_DIM, ERROR_DIM>::zeros();
@@ -144,9 +146,13 @@ impl ImuFactor {
         put(VELOCITY, ATTITUDE, so3::skew(&difference.velocity));
         put(VELOCITY, ACCEL_BIAS, -d.beta_accel);
         put(VELOCITY, GYRO_BIAS, -d.beta_gyro);
-        put(ATTITUDE, ATTITUDE, -(attitude_inverse * difference.relative_rotation.transpose()));
+        put(ATTITUDE, ATTITUDE, -product_transposed(&attitude_inverse, &difference.relative_rotation));
         // J_l⁻¹(r) = J_r⁻¹(r)ᵀ.
-        put(ATTITUDE, GYRO_BIAS, -(attitude_inverse.transpose() * difference.moved.right_jacobian * d.phi_gyro));
+        put(
+            ATTITUDE,
+            GYRO_BIAS,
+            -product(&transposed_product(&attitude_inverse, &difference.moved.right_jacobian), &d.phi_gyro),
+        );
         put(ACCEL_BIAS, ACCEL_BIAS, -Matrix3::identity());
         put(GYRO_BIAS, GYRO_BIAS, -Matrix3::identity());
 

@@ -225,7 +225,7 @@ pub fn dot<const N: usize>(a: &BlockVector<N>, b: &BlockVector<N>) -> f64 {
 }
 
 #[inline(always)]
-fn dot_of<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+pub(crate) fn dot_of<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     const STRANDS: usize = 4;
     let mut strands = [0.0; STRANDS];
     let whole = N - N % STRANDS;

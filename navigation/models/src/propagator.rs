@@ -31,10 +31,11 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::Geodetic;
 use shared_types::{Config, Header, ImuSample, Mode, NavEstimate, Solution, SolutionStatus, Time};
 
+use crate::departure::Departure;
 use crate::gaps::{BLIND, Inflation, UNSEEN_ACCELERATION, UNSEEN_RATE};
 use crate::preintegration::{ImuPoint, Preintegration};
 use crate::state::{ERROR_DIM, NavState};
-use crate::transport::transport;
+use crate::transport::transport_from;
 use crate::world::WorldModel;
 use uncertainty::{Uncertainty, upper_triangle};
 
@@ -90,8 +91,7 @@ struct TimedPoint {
 struct Base {
     solution: u64,
     t_keyframe: Time,
-    state: NavState,
-    r_enu_body: Matrix3<f64>,
+    departure: Departure,
     covariance: SMatrix<f64, ERROR_DIM, ERROR_DIM>,
     world: WorldModel,
     t_last_used: [i64; 5],
@@ -147,13 +147,13 @@ impl Propagator {
         {
             return Err(PropagatorError::SolutionTooOld { id: solution.id, t_keyframe, oldest: oldest.t });
         }
+        let world = WorldModel::new(Geodetic::from_degrees(lat_deg, lon_deg, height), &self.config);
         let base = Base {
             solution: solution.id,
             t_keyframe,
-            state,
-            r_enu_body: state.r_enu_body(),
+            departure: Departure::new(&state, &world),
             covariance,
-            world: WorldModel::new(Geodetic::from_degrees(lat_deg, lon_deg, height), &self.config),
+            world,
             t_last_used: solution.t_last_used,
             is_converged: SolutionStatus::from_index(solution.status) == Some(SolutionStatus::Converged),
             is_inconsistent: SolutionStatus::from_index(solution.status) == Some(SolutionStatus::Inconsistent),
@@ -258,7 +258,7 @@ impl Propagator {
 
     /// Starts anew from `base` over the samples kept.
     fn stand_on(&mut self, base: Base) {
-        self.increment = Preintegration::new(base.state.accel_bias, base.state.gyro_bias);
+        self.increment = Preintegration::new(base.departure.state.accel_bias, base.departure.state.gyro_bias);
         self.has_bridged_gap = false;
         self.is_blind = false;
         let t_keyframe = base.t_keyframe;
@@ -306,8 +306,9 @@ impl Propagator {
             return NavEstimate { header, ..self.last };
         };
         let t = Time(header.t_valid);
-        let state = transport(&base.state, increment, &base.world);
-        let uncertainty = Uncertainty::carried(&base.covariance, &base.r_enu_body, increment, &base.world);
+        let state = transport_from(&base.departure, increment, &base.world);
+        let r_enu_body = &base.departure.r_enu_body;
+        let uncertainty = Uncertainty::carried(&base.covariance, r_enu_body, increment, &base.world);
         let mode = self.mode_at(t, base, &uncertainty);
         NavEstimate {
             header,

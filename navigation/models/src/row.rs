@@ -99,10 +99,7 @@ impl MeasuredRows {
         slopes: &SMatrix<f64, ROWS, SLOTS>,
     ) -> Result<(), Unusable> {
         let residual = times(whitening, &anchored.residual);
-        let mut jacobian = SMatrix::<f64, ROWS, ERROR_DIM>::zeros();
-        for (white, column) in jacobian.data.0.iter_mut().zip(&anchored.jacobian.data.0) {
-            *white = times(whitening, &SVector::from_array_storage(ArrayStorage([*column]))).data.0[0];
-        }
+        let jacobian = whitened(whitening, &anchored.jacobian);
         // All of them: to stop at the first that is not would be a branch for each.
         let numbers = residual.as_slice().iter().chain(jacobian.as_slice()).chain(slopes.as_slice());
         if !numbers.fold(true, |all, x| all & x.is_finite()) {
@@ -132,6 +129,19 @@ impl MeasuredRows {
     pub fn as_mut_slice(&mut self) -> &mut [Row] {
         &mut self.rows[..self.count]
     }
+}
+
+/// L⁻¹ times each column.
+#[inline]
+pub fn whitened<const ROWS: usize, const COLUMNS: usize>(
+    whitening: &SMatrix<f64, ROWS, ROWS>,
+    columns: &SMatrix<f64, ROWS, COLUMNS>,
+) -> SMatrix<f64, ROWS, COLUMNS> {
+    let mut whitened = SMatrix::zeros();
+    for (white, column) in whitened.data.0.iter_mut().zip(&columns.data.0) {
+        *white = times(whitening, &SVector::from_array_storage(ArrayStorage([*column]))).data.0[0];
+    }
+    whitened
 }
 
 /// L⁻¹ with Λ = LLᵀ; `None` where Λ is singular.

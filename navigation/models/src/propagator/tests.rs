@@ -7,6 +7,7 @@ use shared_types::Duration;
 
 use super::*;
 use crate::testing::{solution, world};
+use crate::transport::transport;
 use crate::transport::transport_jacobians;
 
 fn config() -> Config {

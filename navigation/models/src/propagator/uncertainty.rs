@@ -6,7 +6,9 @@
 use nalgebra::{Matrix3, SMatrix};
 use nav_geometry::so3;
 
-use crate::blocks::sandwich;
+use crate::blocks::{
+    block_of, product, product_transposed, product_with_skew, sandwich, skew_product, times, transposed_product,
+};
 use crate::preintegration::Preintegration;
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, POSITION, VELOCITY};
 use crate::wide;
@@ -35,15 +37,15 @@ impl Uncertainty {
     ) -> Uncertainty {
         let dt = increment.dt_total;
         let turn_back = so3::exp(&(world.earth_rate_enu * -dt));
-        let earth_rate = so3::skew(&world.earth_rate_enu);
-        let k = turn_back * r_enu_body;
+        let turning = |block: &Matrix3<f64>| skew_product(&world.earth_rate_enu, block);
+        let k = product(&turn_back, r_enu_body);
         let d = &increment.bias_jacobian;
         let p = &increment.blocks;
 
         let by_velocity = turn_back * dt;
-        let by_attitude = -(k * so3::skew(&increment.alpha));
-        let by_accel = k * d.alpha_accel;
-        let by_gyro = k * d.alpha_gyro;
+        let by_attitude = -product_with_skew(&k, &increment.alpha);
+        let by_accel = product(&k, &d.alpha_accel);
+        let by_gyro = product(&k, &d.alpha_gyro);
         let mut position_row = Row::zeros();
         let mut put = |at: usize, block: Matrix3<f64>| {
             position_row.fixed_rows_mut::<3>(at).copy_from(&block.transpose());
@@ -58,26 +60,26 @@ impl Uncertainty {
         let mut put = |at: usize, block: Matrix3<f64>| {
             velocity_row.fixed_rows_mut::<3>(at).copy_from(&block.transpose());
         };
-        put(VELOCITY, turn_back - earth_rate * by_velocity);
-        put(ATTITUDE, -(k * so3::skew(&increment.beta)) - earth_rate * by_attitude);
-        put(ACCEL_BIAS, k * d.beta_accel - earth_rate * by_accel);
-        put(GYRO_BIAS, k * d.beta_gyro - earth_rate * by_gyro);
+        put(VELOCITY, turn_back - turning(&by_velocity));
+        put(ATTITUDE, -product_with_skew(&k, &increment.beta) - turning(&by_attitude));
+        put(ACCEL_BIAS, product(&k, &d.beta_accel) - turning(&by_accel));
+        put(GYRO_BIAS, product(&k, &d.beta_gyro) - turning(&by_gyro));
 
         // L: position noise Kα, velocity noise Kβ − [ω]×Kα.
-        let k_transposed = k.transpose();
-        let position_noise = k * p.alpha_alpha * k_transposed;
-        let mixed_noise = earth_rate * (k * p.alpha_beta * k_transposed);
-        let velocity_noise = k * p.beta_beta * k_transposed - mixed_noise - mixed_noise.transpose()
-            + earth_rate * position_noise * earth_rate.transpose();
+        let seen = |block: &Matrix3<f64>| product_transposed(&product(&k, block), &k);
+        let position_noise = seen(&p.alpha_alpha);
+        let mixed_noise = turning(&seen(&p.alpha_beta));
+        let turned_noise = turning(&turning(&position_noise).transpose()).transpose();
+        let velocity_noise = seen(&p.beta_beta) - mixed_noise - mixed_noise.transpose() + turned_noise;
 
-        let attitude_block = covariance.fixed_view::<3, 3>(ATTITUDE, ATTITUDE).into_owned();
-        let attitude_gyro = covariance.fixed_view::<3, 3>(ATTITUDE, GYRO_BIAS).into_owned();
-        let gyro_block = covariance.fixed_view::<3, 3>(GYRO_BIAS, GYRO_BIAS).into_owned();
-        let mixed = increment.gamma.tr_mul(&attitude_gyro) * d.phi_gyro.transpose();
-        let attitude = increment.gamma.tr_mul(&attitude_block) * increment.gamma
+        let attitude_block = block_of(covariance, ATTITUDE, ATTITUDE);
+        let attitude_gyro = block_of(covariance, ATTITUDE, GYRO_BIAS);
+        let gyro_block = block_of(covariance, GYRO_BIAS, GYRO_BIAS);
+        let mixed = product_transposed(&transposed_product(&increment.gamma, &attitude_gyro), &d.phi_gyro);
+        let attitude = product(&transposed_product(&increment.gamma, &attitude_block), &increment.gamma)
             + mixed
             + mixed.transpose()
-            + d.phi_gyro * gyro_block * d.phi_gyro.transpose()
+            + product_transposed(&product(&d.phi_gyro, &gyro_block), &d.phi_gyro)
             + p.phi_phi;
         Uncertainty {
             position: wide!(sandwich(&position_row, covariance)) + position_noise,
@@ -88,8 +90,8 @@ impl Uncertainty {
 
     /// 1-sigma about body x, body y and the up axis, rad.
     pub(super) fn sigma_rpy(&self, r_enu_body: &Matrix3<f64>) -> [f64; 3] {
-        let up_body = r_enu_body.row(2);
-        let about_up = (up_body * self.attitude * up_body.transpose())[(0, 0)];
+        let up_body = r_enu_body.row(2).transpose();
+        let about_up = up_body.dot(&times(&self.attitude, &up_body));
         [self.attitude[(0, 0)], self.attitude[(1, 1)], about_up].map(|variance| variance.max(0.0).sqrt())
     }
 
