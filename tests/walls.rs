@@ -159,6 +159,12 @@ fn no_crate_reaches_what_it_must_never_use() {
             assert!(!reached.contains(forbidden), "{name} reaches {forbidden}");
         }
     }
+    // Shared memory and what sleeps on it is the bus's affair; the payloads say how they lie in it.
+    for (name, dependencies) in &crates {
+        let is_own = name == "ilns-bus" || name == "shared-types";
+        let shares = dependencies.iter().find(|other| other.starts_with("iceoryx2") && !is_own);
+        assert_eq!(shares, None, "{name} goes past ilns-bus");
+    }
     for estimator in ESTIMATORS {
         for outside in ["tracing", "iceoryx2", "rand", "tracing-subscriber"] {
             assert!(!closure(estimator, &crates).contains(outside), "{estimator} reaches {outside}");

@@ -107,8 +107,8 @@ impl Columns {
                 let faded = faded_columns(dt);
                 self.z_transposed = columns.carried(&faded, link_before);
                 for column in 0..WIDTH {
-                    self.information[column] = faded[column] * faded[column] * columns.information[column];
-                    self.right[column] = faded[column] * columns.right[column];
+                    self.information[column] = or_nothing(faded[column] * faded[column] * columns.information[column]);
+                    self.right[column] = or_nothing(faded[column] * columns.right[column]);
                 }
             }
         }
@@ -140,6 +140,11 @@ impl Columns {
         }
         let mut f_transposed = SMatrix::zeros();
         add_product_transposed(&mut f_transposed, &z_transposed, link.y_transposed(), -1.0);
+        for f in &mut f_transposed.data.0 {
+            for column in 0..WIDTH {
+                f[column] = or_nothing(f[column]);
+            }
+        }
         f_transposed
     }
 
@@ -164,14 +169,8 @@ impl Columns {
             }
             information.data.0[column] = sums;
         }
-        let mut f_transposed = self.carried(&faded, link);
-        for f in &mut f_transposed.data.0 {
-            for column in 0..WIDTH {
-                f[column] = or_nothing(f[column]);
-            }
-        }
         ColumnPrior {
-            f_transposed,
+            f_transposed: self.carried(&faded, link),
             information,
             right: SVector::from_fn(|column, _| or_nothing(faded[column] * self.right[column])),
         }
@@ -394,6 +393,27 @@ mod tests {
             assert!(left.chain(seen).all(|value| !value.is_subnormal()), "{prior:?}");
         }
         assert_eq!((prior.f_transposed.amax(), prior.information.amax(), prior.right.amax()), (0.0, 0.0, 0.0));
+    }
+
+    /// The same in a window that never forgets.
+    #[test]
+    fn they_fade_to_nothing_from_keyframe_to_keyframe_too() {
+        let Chain { links, own, .. } = {
+            let mut chain = chain();
+            chain.sweep(0, &ColumnPrior::default());
+            chain
+        };
+        let mut columns = Columns::default();
+        columns.sweep(&links[0], &own[0], Before::Prior(&ColumnPrior::default()));
+        assert!(columns.z_transposed.amax() > 0.0 && columns.information.amax() > 0.0);
+        let (nothing, dt) = (Slopes::default(), Duration::from_seconds(1.0));
+        for _ in 0..100_000 {
+            let before = columns.clone();
+            columns.sweep(&links[0], &nothing, Before::Link(&before, &links[0], dt));
+            let seen = columns.z_transposed.iter().chain(&columns.information).chain(&columns.right);
+            assert!(seen.into_iter().all(|value| !value.is_subnormal()), "{columns:?}");
+        }
+        assert_eq!((columns.z_transposed.amax(), columns.information.amax(), columns.right.amax()), (0.0, 0.0, 0.0));
     }
 
     #[test]
