@@ -57,7 +57,7 @@ def side_by_side(tools, case, task, repeats):
     ours, peers = Result(task.ours), [Result(peer) for peer in task.peers]
     before = run(tools, case, task.ours)
     ours.add(before)
-    for _ in range(1 if task.is_slow or case.kind == "noise-free" else repeats):
+    for _ in range(1 if task.is_slow else repeats):
         for peer in peers:
             during = run(tools, case, peer.contestant)
             after = run(tools, case, task.ours)
