@@ -75,6 +75,15 @@ fn solves(criterion: &mut Criterion) {
         group.bench_with_input(BenchmarkId::new("ours, narrow instructions", count), &count, |bencher, _| {
             bencher.iter(|| black_box(ours(black_box(&mut chain))));
         });
+        group.bench_with_input(BenchmarkId::new("ours, substitution alone", count), &count, |bencher, _| {
+            bencher.iter(|| {
+                let mut delta: Option<BlockVector<N>> = None;
+                for link in chain.iter().rev() {
+                    delta = Some(wide!(link.substitute(delta.as_ref())));
+                }
+                black_box(delta)
+            });
+        });
         group.bench_with_input(BenchmarkId::new("nalgebra", count), &count, |bencher, _| {
             bencher.iter(|| black_box(wide!(theirs(black_box(&chain)))));
         });

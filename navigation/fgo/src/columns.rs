@@ -372,16 +372,19 @@ mod tests {
         }
     }
 
+    /// A swept chain, and the columns of its first link alone.
+    fn heard_once() -> (Chain, Columns) {
+        let mut chain = chain();
+        chain.sweep(0, &ColumnPrior::default());
+        let mut columns = Columns::default();
+        columns.sweep(&chain.links[0], &chain.own[0], Before::Prior(&ColumnPrior::default()));
+        (chain, columns)
+    }
+
     /// A sensor that is heard once and never again: what it leaves fades to nothing, by way of no number that slows the arithmetic.
     #[test]
     fn what_nobody_speaks_of_any_more_fades_to_nothing() {
-        let Chain { links, own, .. } = {
-            let mut chain = chain();
-            chain.sweep(0, &ColumnPrior::default());
-            chain
-        };
-        let mut columns = Columns::default();
-        columns.sweep(&links[0], &own[0], Before::Prior(&ColumnPrior::default()));
+        let (Chain { links, own, .. }, mut columns) = heard_once();
         let mut prior = columns.marginal(&links[0], Duration::from_seconds(1.0), &own[0], &ColumnPrior::default());
         assert!(prior.f_transposed.amax() > 0.0 && prior.information.amax() > 0.0);
         let nothing = Slopes::default();
@@ -398,13 +401,7 @@ mod tests {
     /// The same in a window that never forgets.
     #[test]
     fn they_fade_to_nothing_from_keyframe_to_keyframe_too() {
-        let Chain { links, own, .. } = {
-            let mut chain = chain();
-            chain.sweep(0, &ColumnPrior::default());
-            chain
-        };
-        let mut columns = Columns::default();
-        columns.sweep(&links[0], &own[0], Before::Prior(&ColumnPrior::default()));
+        let (Chain { links, .. }, mut columns) = heard_once();
         assert!(columns.z_transposed.amax() > 0.0 && columns.information.amax() > 0.0);
         let (nothing, dt) = (Slopes::default(), Duration::from_seconds(1.0));
         for _ in 0..100_000 {

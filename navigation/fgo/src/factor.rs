@@ -4,11 +4,11 @@
 //! are whitened once (the inflated covariance is frozen after the first evaluation, §3.1 of the method) and become rows.
 
 use nalgebra::SMatrix;
-use nav_models::anchored::{Anchored, SensorModel};
-use nav_models::departure::Departure;
+use nav_models::anchor::Anchor;
+use nav_models::anchored::{Anchored, Pose, SensorModel};
 use nav_models::preintegration::{ImuPoint, Increment, Piece};
 pub use nav_models::row::MeasuredRows;
-use nav_models::row::{ROWS_MAX, SLOTS, Unusable, inverse_root, whitened};
+use nav_models::row::{ROWS_MAX, SLOTS, Unusable, inverse_root, whiten_columns};
 pub use nav_models::sensors::Model;
 use nav_models::world::WorldModel;
 use shared_types::{Kernel, Sensor, Time};
@@ -128,7 +128,7 @@ impl Factor {
     /// [`Unusable`]: the covariance is singular or a number is not finite.
     pub fn whiten(
         &mut self,
-        from: &Departure,
+        from: &Anchor,
         piece: Option<&Piece<'_>>,
         doubts: Option<&Doubts>,
         world: &WorldModel,
@@ -146,7 +146,7 @@ impl Factor {
     fn whiten_as<const ROWS: usize>(
         &mut self,
         model: &impl SensorModel<ROWS>,
-        from: &Departure,
+        from: &Anchor,
         piece: Option<&Piece<'_>>,
         doubts: Option<&Doubts>,
         world: &WorldModel,
@@ -167,7 +167,7 @@ impl Factor {
             }
         }
         let whitening = inverse_root(&covariance).ok_or(Unusable)?;
-        let slopes = whitened(&whitening, &slopes);
+        let slopes = whiten_columns(&whitening, &slopes);
         self.whitening.fixed_view_mut::<ROWS, ROWS>(0, 0).copy_from(&whitening);
         self.slopes.fixed_rows_mut::<ROWS>(0).copy_from(&slopes);
         self.give(rows, &anchored, &whitening, &slopes)
@@ -186,7 +186,7 @@ impl Factor {
     ///
     /// # Errors
     /// [`Unusable`]: a number is not finite.
-    pub fn rows(&self, from: &Departure, world: &WorldModel) -> Result<MeasuredRows, Unusable> {
+    pub fn rows(&self, from: &Anchor, world: &WorldModel) -> Result<MeasuredRows, Unusable> {
         match self.model {
             Model::Lbl(model) => self.whitened(&self.anchored(&model, from, world)),
             Model::Gnss(model) => self.whitened(&self.anchored(&model, from, world)),
@@ -197,7 +197,7 @@ impl Factor {
     }
 
     /// What it says at the end of the increment from its keyframe, its own noise and that of the increment apart.
-    pub fn parts(&self, from: &Departure, increment: &Increment, world: &WorldModel) -> Parts {
+    pub fn parts(&self, from: &Anchor, increment: &Increment, world: &WorldModel) -> Parts {
         match self.model {
             Model::Lbl(model) => Parts::of(&Anchored::new(&model, from, increment, world)),
             Model::Gnss(model) => Parts::of(&Anchored::new(&model, from, increment, world)),
@@ -210,12 +210,12 @@ impl Factor {
     fn anchored<const ROWS: usize>(
         &self,
         model: &impl SensorModel<ROWS>,
-        from: &Departure,
+        from: &Anchor,
         world: &WorldModel,
     ) -> Anchored<ROWS> {
         match &self.increment {
             Some(increment) => Anchored::new(model, from, increment, world),
-            None => Anchored::at_keyframe(model, from, world),
+            None => Anchored::at_keyframe(model, &Pose::from(from), world),
         }
     }
 
@@ -239,7 +239,7 @@ impl Factor {
     }
 
     /// Evaluates the first group of `factors` anew and appends its rows. Returns how many factors the group has.
-    pub fn push_rows(factors: &[Factor], from: &Departure, world: &WorldModel, rows: &mut Rows) -> usize {
+    pub fn push_rows(factors: &[Factor], from: &Anchor, world: &WorldModel, rows: &mut Rows) -> usize {
         let Some(first) = factors.first() else { return 0 };
         let members = if first.shares_offset() {
             factors.iter().take_while(|other| other.shares_offset() && other.epoch == first.epoch).count()
@@ -284,7 +284,7 @@ mod tests {
         let mut state = NavState::identity();
         state.position_enu = Vector3::new(120.0, -340.0, -55.0);
         state.q_enu_body = UnitQuaternion::new_normalize(Quaternion::new(0.9, 0.1, -0.05, 0.42));
-        let from = Departure::new(&state, &world);
+        let from = Anchor::new(&state, &world);
         let buoys = [[0.0, -500.0, 0.0], [-400.0, 0.0, 0.0], [-200.0, 1000.0, 0.0], [200.0, 500.0, 0.0]];
         let ranges = [207.6, 625.9, 1377.7, 845.8];
         let mut factors = Vec::new();

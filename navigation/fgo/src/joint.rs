@@ -30,7 +30,7 @@
 //! (the columns of `columns.rs` know nothing of the interval): stamps are taken as they are given.
 
 use nalgebra::SMatrix;
-use nav_models::departure::Departure;
+use nav_models::anchor::Anchor;
 use nav_models::preintegration::{Increment, Preintegration};
 use nav_models::row::inverse_root;
 use nav_models::state::NavState;
@@ -124,7 +124,7 @@ impl Between {
     }
 
     /// Evaluates every measurement anew, for its weight.
-    pub fn linearise(&mut self, from: &Departure, world: &WorldModel) {
+    pub fn linearise(&mut self, from: &Anchor, world: &WorldModel) {
         for reading in &mut self.readings {
             reading.rows = reading.factor.rows(from, world).ok();
         }
@@ -182,7 +182,7 @@ impl Between {
         if self.readings.is_empty() {
             return None;
         }
-        let from = Departure::new(linearised, world);
+        let from = Anchor::new(linearised, world);
         let mut shrunk = Block::<DIM>::zeros();
         let mut last: Option<&Increment> = None;
         for reading in &self.readings {
@@ -233,6 +233,7 @@ mod tests {
     use crate::node::Interval;
     use nalgebra::{DMatrix, UnitQuaternion, Vector3};
     use nav_geometry::Geodetic;
+    use nav_models::anchored::Pose;
     use nav_models::anchored::{Anchored, SensorModel};
     use nav_models::inertial::ImuFactor;
     use nav_models::preintegration::ImuPoint;
@@ -301,7 +302,7 @@ mod tests {
             let mut factor = Factor::new(t, model, Some(prefix.increment), kernel);
             let piece = nav_models::preintegration::Piece::Forward(&prefix);
             let mut rows = MeasuredRows::default();
-            factor.whiten(&Departure::new(&first(), world), Some(&piece), None, world, &mut rows).expect("regular");
+            factor.whiten(&Anchor::new(&first(), world), Some(&piece), None, world, &mut rows).expect("regular");
             between.push(&factor, &rows);
         }
         assert!(between.prepare(Time(0), &whole, &history, &imu));
@@ -320,7 +321,7 @@ mod tests {
         state: &NavState,
         world: &WorldModel,
     ) {
-        let Anchored { jacobian, covariance, .. } = Anchored::at_keyframe(model, &Departure::new(state, world), world);
+        let Anchored { jacobian, covariance, .. } = Anchored::at_keyframe(model, &Pose::from(state), world);
         let information = jacobian.transpose() * covariance.try_inverse().expect("regular") * jacobian;
         let mut block = dense.view_mut((at, at), (DIM, DIM));
         block += information;
@@ -441,7 +442,7 @@ mod tests {
         jacobian.view_mut((0, DIM), (DIM, DIM)).copy_from(&jacobians.to);
         for (j, reading) in between.readings.iter().enumerate() {
             let prefix = reading.prefix.expect("prepared");
-            let parts = reading.factor.parts(&Departure::new(&first(), world), &prefix, world);
+            let parts = reading.factor.parts(&Anchor::new(&first(), world), &prefix, world);
             let at = DIM + 3 * j;
             jacobian.view_mut((at, 0), (3, DIM)).copy_from(&parts.rows.fixed_columns::<DIM>(1));
             let seen = prefix.covariance() * parts.noise_rows.transpose();
@@ -451,7 +452,7 @@ mod tests {
             covariance.view_mut((at, at), (3, 3)).copy_from(&(parts.covariance + parts.noise_rows * seen));
             for (later, other) in between.readings.iter().enumerate().skip(j + 1) {
                 let end = other.prefix.expect("prepared");
-                let rows = other.factor.parts(&Departure::new(&first(), world), &end, world).noise_rows;
+                let rows = other.factor.parts(&Anchor::new(&first(), world), &end, world).noise_rows;
                 let shared = rows * Increment::error_carry(&prefix, &end) * seen;
                 covariance.view_mut((DIM + 3 * later, at), (3, 3)).copy_from(&shared);
                 covariance.view_mut((at, DIM + 3 * later), (3, 3)).copy_from(&shared.transpose());
@@ -489,14 +490,14 @@ mod tests {
         let (between, _) = between(Kernel::None, &world, &config);
         for reading in &between.readings {
             let increment = reading.factor.increment.expect("between keyframes");
-            let parts = reading.factor.parts(&Departure::new(&first(), &world), &increment, &world);
+            let parts = reading.factor.parts(&Anchor::new(&first(), &world), &increment, &world);
             for coordinate in 0..DIM {
                 let mut step = BlockVector::<DIM>::zeros();
                 step[coordinate] = 1e-4;
                 let [above, below] = [step, -step].map(|step| {
                     reading
                         .factor
-                        .parts(&Departure::new(&first().retract(&step), &world), &increment, &world)
+                        .parts(&Anchor::new(&first().retract(&step), &world), &increment, &world)
                         .rows
                         .column(0)
                         .into_owned()

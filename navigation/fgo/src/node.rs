@@ -1,7 +1,7 @@
 //! One keyframe of the window: its linearisation point, the sensors tied to it, and the IMU interval to the next.
 
 use nalgebra::Vector3;
-use nav_models::departure::Departure;
+use nav_models::anchor::Anchor;
 use nav_models::inertial::{ImuFactor, ImuWeight, NotPositiveDefinite};
 use nav_models::preintegration::Preintegration;
 use nav_models::state::{ATTITUDE, NavState, POSITION, VELOCITY};
@@ -248,7 +248,7 @@ impl Node {
     /// Evaluates every sensor anew at the linearisation point, weights at the present estimate. Returns their cost.
     pub fn linearise_sensors(&mut self, world: &WorldModel) -> f64 {
         self.rows.clear();
-        let from = Departure::new(&self.linearised, world);
+        let from = Anchor::new(&self.linearised, world);
         let mut index = 0;
         while index < self.factors.len() {
             index += Factor::push_rows(&self.factors[index..], &from, world, &mut self.rows);

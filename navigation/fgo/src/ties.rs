@@ -1,7 +1,7 @@
 //! From readings of the closing interval to factors on its keyframes: increments, gates, first weights, counts.
 
 use nalgebra::Vector3;
-use nav_models::departure::Departure;
+use nav_models::anchor::Anchor;
 use nav_models::innovation::Innovation;
 use nav_models::judging::{Candidate, EPOCH_MAX, Judges, Verdict};
 use nav_models::preintegration::{Piece, Preintegration, Turned};
@@ -86,7 +86,7 @@ pub struct Ties {
     /// What is systematically wrong with each sensor's readings.
     pub systematics: Systematics,
     /// The keyframe that readings were last tied to, at its linearisation point.
-    departure: Option<(usize, Departure)>,
+    anchor: Option<(usize, Anchor)>,
     /// Room for a piece that has to be integrated.
     side: Preintegration,
     /// Room for one that is turned round.
@@ -110,7 +110,7 @@ impl Ties {
             rounds: Rounds::default(),
             moorings: Moorings::new(config),
             systematics: Systematics::new(&config.navigator.sensors),
-            departure: None,
+            anchor: None,
             side: Preintegration::new(Vector3::zeros(), Vector3::zeros()),
             turned: Turned::default(),
             counts: [SensorCounts::default(); SENSORS.len()],
@@ -175,7 +175,7 @@ impl Ties {
         closing: &Closing<'_>,
         report: &mut KeyframeReport,
     ) {
-        self.departure = None;
+        self.anchor = None;
         let mut rest = pending;
         while let Some((first, _)) = rest.first() {
             let together = rest
@@ -208,16 +208,18 @@ impl Ties {
         };
         let node = &window.nodes()[index];
         self.judges.observe_speed(node.t, node.state.velocity_enu.norm());
-        if !matches!(&self.departure, Some((of, _)) if *of == index) {
-            self.departure = Some((index, Departure::new(&node.linearised, window.world())));
-        }
+        let from = match self.anchor {
+            Some((of, anchor)) if of == index => anchor,
+            _ => Anchor::new(&node.linearised, window.world()),
+        };
+        self.anchor = Some((index, from));
         self.heard = 0;
         for (measurement, reading) in group {
             if self.heard == EPOCH_MAX {
                 self.refuse(sensor, RejectReason::TooMany);
                 continue;
             }
-            if let Err(reason) = self.evaluate(measurement, reading, index, window, closing) {
+            if let Err(reason) = self.evaluate(measurement, reading, (index, &from), window, closing) {
                 self.refuse(sensor, reason);
                 report.list_refused(measurement.t_valid(), measurement.kind, reason);
             }
@@ -242,12 +244,12 @@ impl Ties {
         }
     }
 
-    /// Evaluates one reading at its keyframe, which [`Ties::departure`] is of, in its place in the epoch.
+    /// Evaluates one reading at its keyframe, the one of that index, in its place in the epoch.
     fn evaluate(
         &mut self,
         measurement: &Measurement,
         reading: &Reading,
-        index: usize,
+        (index, from): (usize, &Anchor),
         window: &Window,
         closing: &Closing<'_>,
     ) -> Result<(), RejectReason> {
@@ -258,7 +260,7 @@ impl Ties {
         let node = &window.nodes()[index];
         let piece = piece_to(t, index, window, closing, &mut self.side, &mut self.turned)?;
         let is_estimated = self.systematics.is_estimated(place);
-        let point = if is_estimated || measurement.kind == Sensor::Dvl as u32 { closing.history.at(t) } else { None };
+        let point = closing.history.at(t);
         let gyro = || {
             let gyro_body = point?.gyro_body;
             Some(GyroAt { gyro_body, dt_imu: closing.history.sampling_period_at(t).as_seconds() })
@@ -285,7 +287,6 @@ impl Ties {
             factor.mooring = if is_moored { self.moorings.place(buoy) } else { None };
         }
         let doubts = Doubts { point: point.filter(|_| is_estimated), sigmas: self.systematics.sigmas(place) };
-        let Some((_, from)) = &self.departure else { return Err(RejectReason::OlderThanWindow) };
         factor.whiten(from, piece.as_ref(), Some(&doubts), world, rows).map_err(|_| RejectReason::NotFinite)?;
         // The state of the keyframe before has its own covariance; an older one's is at most that of the newest.
         let covariance =

@@ -1,6 +1,6 @@
 //! What runs at every IMU sample, in two processes, and at every reading: `cargo bench -p nav-models`.
 
-use nav_models::departure::Departure;
+use nav_models::anchor::Anchor;
 use nav_models::gaps::Inflation;
 use std::hint::black_box;
 
@@ -62,7 +62,7 @@ fn benches(criterion: &mut Criterion) {
         b.iter(|| factor.residual_and_jacobians(black_box(&state), &end, &world));
     });
     criterion.bench_function("imu_weight", |b| b.iter(|| black_box(&factor).weight()));
-    let from = Departure::new(&state, &world);
+    let from = Anchor::new(&state, &world);
     let dvl = DvlModel::new([1.0; 3], first.gyro_body, &config.vehicle.dvl, &config.vehicle.imu, 0.005);
     criterion.bench_function("anchored_dvl", |b| {
         b.iter(|| Anchored::new(&dvl, black_box(&from), &whole, &world));

@@ -10,8 +10,8 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use crate::anchor::Anchor;
 use crate::blocks::{block_of, times, transposed_times};
-use crate::departure::Departure;
 use crate::preintegration::{ImuPoint, Increment, NoiseRows, Piece};
 use crate::state::{ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::transport::Carried;
@@ -50,8 +50,8 @@ pub struct Pose {
     pub gyro_bias: Vector3<f64>,
 }
 
-impl From<&Departure> for Pose {
-    fn from(Departure { state, r_enu_body, .. }: &Departure) -> Pose {
+impl From<&Anchor> for Pose {
+    fn from(Anchor { state, r_enu_body, .. }: &Anchor) -> Pose {
         Pose {
             position_enu: state.position_enu,
             velocity_enu: state.velocity_enu,
@@ -94,8 +94,8 @@ pub struct Anchored<const ROWS: usize> {
     pub covariance: SMatrix<f64, ROWS, ROWS>,
     /// Q: how it feels the noise of the increment.
     pub noise_rows: NoiseRows<ROWS>,
-    /// Gravity on the way to the reading, m/s².
-    gravity_enu: Vector3<f64>,
+    /// Gravity on the way to the reading, m/s²; `None` at the keyframe.
+    gravity_enu: Option<Vector3<f64>>,
 }
 
 impl<const ROWS: usize> Anchored<ROWS> {
@@ -103,7 +103,7 @@ impl<const ROWS: usize> Anchored<ROWS> {
     #[inline]
     pub fn new<M: SensorModel<ROWS>>(
         model: &M,
-        from: &Departure,
+        from: &Anchor,
         increment: &Increment,
         world: &WorldModel,
     ) -> Anchored<ROWS> {
@@ -120,14 +120,14 @@ impl<const ROWS: usize> Anchored<ROWS> {
             jacobian,
             covariance: seen.covariance,
             noise_rows: NoiseRows { by_increment, by_gyro, sees_motion: M::SEES_MOTION },
-            gravity_enu: carried.gravity_enu(),
+            gravity_enu: Some(carried.gravity_enu()),
         }
     }
 
-    /// The factor of a reading taken at the keyframe itself.
+    /// The factor of a reading taken at the keyframe itself, which is at `pose`.
     #[inline]
-    pub fn at_keyframe(model: &impl SensorModel<ROWS>, at: &Departure, world: &WorldModel) -> Anchored<ROWS> {
-        let seen = model.see(&Pose::from(at), world);
+    pub fn at_keyframe(model: &impl SensorModel<ROWS>, pose: &Pose, world: &WorldModel) -> Anchored<ROWS> {
+        let seen = model.see(pose, world);
         let mut jacobian = SMatrix::<f64, ROWS, ERROR_DIM>::zeros();
         jacobian.fixed_columns_mut::<9>(0).copy_from(&seen.jacobian);
         if let Some(direct) = model.gyro_bias_jacobian() {
@@ -138,7 +138,7 @@ impl<const ROWS: usize> Anchored<ROWS> {
             jacobian,
             covariance: seen.covariance,
             noise_rows: NoiseRows { by_increment: SMatrix::zeros(), by_gyro: None, sees_motion: false },
-            gravity_enu: at.gravity_enu,
+            gravity_enu: None,
         }
     }
 
@@ -148,15 +148,15 @@ impl<const ROWS: usize> Anchored<ROWS> {
     /// the reading. The change of the lever arm's velocity is left out, and over the increment the Earth stands still.
     pub fn rate(
         &self,
-        from: &Departure,
+        from: &Anchor,
         increment: Option<&Increment>,
         point: &ImuPoint,
         world: &WorldModel,
     ) -> SVector<f64, ROWS> {
-        let Departure { state, r_enu_body, .. } = from;
+        let Anchor { state, r_enu_body, .. } = from;
         let force = point.accel_body - state.accel_bias;
         let rate = point.gyro_body - state.gyro_bias - transposed_times(r_enu_body, &world.earth_rate_enu);
-        let gravity = self.gravity_enu;
+        let gravity = self.gravity_enu.unwrap_or(from.gravity_enu);
         let columns = |at: usize| block_of::<ROWS, 3, ROWS, ERROR_DIM>(&self.jacobian, 0, at);
         let Some(increment) = increment else {
             let acceleration = times(r_enu_body, &force) + gravity;

@@ -3,9 +3,9 @@
 //! Frames are named in every field: `enu` (local East-North-Up of the run's origin) and `body` (forward, left, up, at the
 //! IMU). Time differences are signed seconds; a negative one goes backward. Residuals are predicted minus measured.
 
+pub mod anchor;
 pub mod anchored;
 mod blocks;
-pub mod departure;
 pub mod doubt;
 pub mod estimator;
 pub mod gaps;

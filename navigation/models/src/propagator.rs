@@ -31,7 +31,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use nav_geometry::Geodetic;
 use shared_types::{Config, Header, ImuSample, Mode, NavEstimate, Solution, SolutionStatus, Time};
 
-use crate::departure::Departure;
+use crate::anchor::Anchor;
 use crate::gaps::{BLIND, Inflation, UNSEEN_ACCELERATION, UNSEEN_RATE};
 use crate::preintegration::{ImuPoint, Preintegration};
 use crate::state::{ERROR_DIM, NavState};
@@ -91,7 +91,7 @@ struct TimedPoint {
 struct Base {
     solution: u64,
     t_keyframe: Time,
-    departure: Departure,
+    anchor: Anchor,
     covariance: SMatrix<f64, ERROR_DIM, ERROR_DIM>,
     world: WorldModel,
     t_last_used: [i64; 5],
@@ -151,7 +151,7 @@ impl Propagator {
         let base = Base {
             solution: solution.id,
             t_keyframe,
-            departure: Departure::new(&state, &world),
+            anchor: Anchor::new(&state, &world),
             covariance,
             world,
             t_last_used: solution.t_last_used,
@@ -258,7 +258,7 @@ impl Propagator {
 
     /// Starts anew from `base` over the samples kept.
     fn stand_on(&mut self, base: Base) {
-        self.increment = Preintegration::new(base.departure.state.accel_bias, base.departure.state.gyro_bias);
+        self.increment = Preintegration::new(base.anchor.state.accel_bias, base.anchor.state.gyro_bias);
         self.has_bridged_gap = false;
         self.is_blind = false;
         let t_keyframe = base.t_keyframe;
@@ -306,8 +306,8 @@ impl Propagator {
             return NavEstimate { header, ..self.last };
         };
         let t = Time(header.t_valid);
-        let state = transport_from(&base.departure, increment, &base.world);
-        let r_enu_body = &base.departure.r_enu_body;
+        let state = transport_from(&base.anchor, increment, &base.world);
+        let r_enu_body = &base.anchor.r_enu_body;
         let uncertainty = Uncertainty::carried(&base.covariance, r_enu_body, increment, &base.world);
         let mode = self.mode_at(t, base, &uncertainty);
         NavEstimate {

@@ -99,7 +99,7 @@ impl MeasuredRows {
         slopes: &SMatrix<f64, ROWS, SLOTS>,
     ) -> Result<(), Unusable> {
         let residual = times(whitening, &anchored.residual);
-        let jacobian = whitened(whitening, &anchored.jacobian);
+        let jacobian = whiten_columns(whitening, &anchored.jacobian);
         // All of them: to stop at the first that is not would be a branch for each.
         let numbers = residual.as_slice().iter().chain(jacobian.as_slice()).chain(slopes.as_slice());
         if !numbers.fold(true, |all, x| all & x.is_finite()) {
@@ -133,7 +133,7 @@ impl MeasuredRows {
 
 /// L⁻¹ times each column.
 #[inline]
-pub fn whitened<const ROWS: usize, const COLUMNS: usize>(
+pub fn whiten_columns<const ROWS: usize, const COLUMNS: usize>(
     whitening: &SMatrix<f64, ROWS, ROWS>,
     columns: &SMatrix<f64, ROWS, COLUMNS>,
 ) -> SMatrix<f64, ROWS, COLUMNS> {

@@ -1,6 +1,6 @@
 //! What the tests of this crate share: the golden case of the method (§8.3 to §8.5) and random states.
 
-use crate::departure::Departure;
+use crate::anchor::Anchor;
 use crate::gaps::Inflation;
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 use nav_geometry::{Geodetic, GravityModel, LocalFrame};
@@ -136,7 +136,7 @@ pub(crate) fn check_anchored_jacobian_where<const ROWS: usize, M: SensorModel<RO
         let state = random_state(&mut rng);
         let increment = random_increment(&mut rng, &state, if trial % 2 == 0 { 1.0 } else { -1.0 });
         let Some(model) = model_at(&crate::transport::transport(&state, &increment, &world)) else { continue };
-        let analytic = Anchored::new(&model, &Departure::new(&state, &world), &increment, &world).jacobian;
+        let analytic = Anchored::new(&model, &Anchor::new(&state, &world), &increment, &world).jacobian;
         let numeric = numeric_jacobian(1e-3, |delta: &SVector<f64, ERROR_DIM>| {
             let moved = state.retract(delta);
             model.see(&Pose::from(&crate::transport::transport(&moved, &increment, &world)), &world).residual

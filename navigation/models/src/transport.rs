@@ -13,9 +13,9 @@
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use nav_geometry::so3;
 
+use crate::anchor::Anchor;
 use crate::anchored::Pose;
 use crate::blocks::{product, product_with_skew, skew_product, times, transposed_product, transposed_times};
-use crate::departure::Departure;
 use crate::preintegration::{CorrectedIncrement, Increment};
 use crate::state::{ACCEL_BIAS, ATTITUDE, ERROR_DIM, GYRO_BIAS, NavState, POSITION, VELOCITY};
 use crate::world::WorldModel;
@@ -63,9 +63,9 @@ pub fn transport(from: &NavState, increment: &Increment, world: &WorldModel) -> 
     Carried::under(world.gravity.at(&half_way), &from.r_enu_body(), from, increment, world).state(from)
 }
 
-/// [`transport`] of one state along several increments, at half the price.
+/// [`transport`] where more than one increment is followed from a state: its rotation matrix and gravity are not worked out anew.
 #[inline]
-pub fn transport_from(from: &Departure, increment: &Increment, world: &WorldModel) -> NavState {
+pub fn transport_from(from: &Anchor, increment: &Increment, world: &WorldModel) -> NavState {
     Carried::new(from, increment, world).state(&from.state)
 }
 
@@ -80,7 +80,7 @@ pub(crate) struct Carried<'a> {
 
 impl<'a> Carried<'a> {
     #[inline]
-    pub(crate) fn new(from: &Departure, increment: &'a Increment, world: &WorldModel) -> Carried<'a> {
+    pub(crate) fn new(from: &Anchor, increment: &'a Increment, world: &WorldModel) -> Carried<'a> {
         let gravity = from.gravity_over(increment.dt_total);
         Carried::under(gravity, &from.r_enu_body, &from.state, increment, world)
     }
@@ -308,6 +308,18 @@ mod tests {
     }
 
     #[test]
+    fn from_an_anchor_it_is_the_same() {
+        let (world, mut rng) = (world(), random(12));
+        for trial in 0..20 {
+            let state = random_state(&mut rng);
+            let increment = random_increment(&mut rng, &state, if trial % 2 == 0 { 1.0 } else { -1.0 });
+            let from_anchor = transport_from(&Anchor::new(&state, &world), &increment, &world);
+            let off = from_anchor.local(&transport(&state, &increment, &world)).norm();
+            assert!(off < 1e-9, "{off:e}");
+        }
+    }
+
+    #[test]
     fn rows_carried_from_right_to_left_equal_the_product_of_the_matrices() {
         let (world, mut rng) = (world(), random(11));
         for trial in 0..20 {
@@ -315,7 +327,7 @@ mod tests {
             let increment = random_increment(&mut rng, &state, if trial % 2 == 0 { 1.0 } else { -1.0 });
             let h = SMatrix::<f64, 3, 9>::from_fn(|i, j| ((7 * i + j + trial) as f64).sin());
             let (by_state, by_increment) =
-                Carried::new(&Departure::new(&state, &world), &increment, &world).rows(&h, true);
+                Carried::new(&Anchor::new(&state, &world), &increment, &world).rows(&h, true);
             let matrices = transport_jacobians(&state, &increment, &world);
             assert_relative_eq!(by_state, h * matrices.state, epsilon = 1e-13);
             assert_relative_eq!(by_increment, h * matrices.increment, epsilon = 1e-13);

@@ -13,8 +13,8 @@ use nalgebra::{Cholesky, SVector};
 use shared_types::{Config, Reading, Time};
 
 use super::Covariance;
+use crate::anchor::Anchor;
 use crate::anchored::{Anchored, SensorModel};
-use crate::departure::Departure;
 use crate::imu_history::{ImuHistory, ImuModel};
 use crate::preintegration::{Piece, Preintegration};
 use crate::row::{MeasuredRows, inverse_root};
@@ -100,7 +100,7 @@ impl<'a> Adjustment<'a> {
         let offset_sigma = self.config.navigator.lbl_common_offset_sigma;
         // 1ᵀD1, 1ᵀDJ and 1ᵀDr of the ranges.
         let (mut weight, mut by_offset, mut shared) = (0.0, SVector::<f64, ERROR_DIM>::zeros(), 0.0);
-        let from = Departure::new(state, self.world);
+        let from = Anchor::new(state, self.world);
         for tied in &self.tied {
             let measured = tied.rows(&from, self.world)?;
             for row in measured.as_slice() {
@@ -123,7 +123,7 @@ impl<'a> Adjustment<'a> {
 }
 
 impl Tied {
-    fn rows(&self, from: &Departure, world: &WorldModel) -> Option<MeasuredRows> {
+    fn rows(&self, from: &Anchor, world: &WorldModel) -> Option<MeasuredRows> {
         match &self.model {
             Model::Lbl(model) => self.whitened(model, from, world),
             Model::Gnss(model) => self.whitened(model, from, world),
@@ -136,7 +136,7 @@ impl Tied {
     fn whitened<const ROWS: usize>(
         &self,
         model: &impl SensorModel<ROWS>,
-        from: &Departure,
+        from: &Anchor,
         world: &WorldModel,
     ) -> Option<MeasuredRows> {
         let anchored = Anchored::new(model, from, &self.increment, world);

@@ -4,8 +4,7 @@ use nalgebra::Vector3;
 use shared_types::{Reading, RejectReason, Sensor, Vehicle};
 
 use super::{DvlModel, GnssModel, LblModel, McpModel, PsModel};
-use crate::anchored::{Anchored, SensorModel};
-use crate::departure::Departure;
+use crate::anchored::{Anchored, Pose, SensorModel};
 use crate::row::{MeasuredRows, Unusable, inverse_root};
 use crate::state::NavState;
 use crate::world::WorldModel;
@@ -129,7 +128,7 @@ fn rows_of<const ROWS: usize>(
     state: &NavState,
     world: &WorldModel,
 ) -> Result<MeasuredRows, Unusable> {
-    let anchored = Anchored::at_keyframe(model, &Departure::new(state, world), world);
+    let anchored = Anchored::at_keyframe(model, &Pose::from(state), world);
     let whitening = inverse_root(&anchored.covariance).ok_or(Unusable)?;
     MeasuredRows::whitened(&anchored, &whitening, &nalgebra::SMatrix::zeros())
 }

@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 use shared_types::{Dvl, Gnss, Lbl, Mcp, Vehicle};
 
 use super::*;
+use crate::anchor::Anchor;
 use crate::anchored::{Anchored, Pose, SensorModel};
-use crate::departure::Departure;
 use crate::preintegration::{Piece, Preintegration};
 use crate::state::{GYRO_BIAS, NavState, POSITION};
 use crate::testing::{
@@ -17,8 +17,8 @@ use crate::transport::transport;
 
 const LEVER_ARM: [f64; 3] = [0.4, -0.15, 0.25];
 
-fn leave(state: &NavState) -> Departure {
-    Departure::new(state, &world())
+fn anchor(state: &NavState) -> Anchor {
+    Anchor::new(state, &world())
 }
 
 fn lbl(sigma: f64) -> Lbl {
@@ -65,7 +65,7 @@ struct Row<const ROWS: usize> {
 
 fn check<const ROWS: usize>(model: &impl SensorModel<ROWS>, tolerance: f64, golden: [Row<ROWS>; 2]) {
     for ((state, piece), golden) in both_ways().into_iter().zip(golden) {
-        let anchored = Anchored::new(model, &leave(&state), &piece, &world());
+        let anchored = Anchored::new(model, &anchor(&state), &piece, &world());
         let covariance = anchored.inflated_covariance(&Piece::Forward(&piece));
         for row in 0..ROWS {
             assert_relative_eq!(anchored.residual[row], golden.residual[row], epsilon = tolerance);
@@ -114,7 +114,7 @@ fn golden_dvl_is_met() {
     let columns =
         [[0.202563942363, -0.37927107585, 0.0831592041328], [0.291698543465, -0.528793979963, -0.840536331329]];
     for ((state, piece), expected) in both_ways().into_iter().zip(columns) {
-        let jacobian = Anchored::new(&golden_dvl(), &leave(&state), &piece, &world()).jacobian;
+        let jacobian = Anchored::new(&golden_dvl(), &anchor(&state), &piece, &world()).jacobian;
         for (axis, expected) in expected.into_iter().enumerate() {
             assert_relative_eq!(jacobian[(0, GYRO_BIAS + axis)], expected, max_relative = 1e-10);
         }
@@ -144,7 +144,7 @@ fn golden_mcp_is_met() {
         ),
     ];
     for ((state, piece), (residual, attitude, gyro)) in both_ways().into_iter().zip(golden) {
-        let anchored = Anchored::new(&golden_mcp(), &leave(&state), &piece, &world());
+        let anchored = Anchored::new(&golden_mcp(), &anchor(&state), &piece, &world());
         assert_relative_eq!(anchored.residual[0], residual[0], epsilon = 1e-11);
         for axis in 0..3 {
             assert_relative_eq!(anchored.jacobian[6 + axis], attitude[axis], max_relative = 1e-10);
@@ -161,7 +161,7 @@ fn golden_ps_is_met() {
     ];
     check(&golden_ps(), 1e-8, golden);
     let (state, piece) = both_ways()[0];
-    let jacobian = Anchored::new(&golden_ps(), &leave(&state), &piece, &world()).jacobian;
+    let jacobian = Anchored::new(&golden_ps(), &anchor(&state), &piece, &world()).jacobian;
     let expected = Vector3::new(-1.89062020291e-5, 5.34895377443e-5, -0.999999998391);
     assert_relative_eq!(jacobian.fixed_columns::<3>(POSITION).transpose(), expected, epsilon = 1e-12);
 }
@@ -335,8 +335,8 @@ fn a_buoy_of_unsure_position_makes_an_unsure_range() {
 #[test]
 fn at_the_keyframe_anchoring_is_the_model_itself() {
     let (state, empty) = (golden_from(), Preintegration::new(golden_from().accel_bias, golden_from().gyro_bias));
-    let transported = Anchored::new(&golden_dvl(), &leave(&state), &empty, &world());
-    let direct = Anchored::at_keyframe(&golden_dvl(), &leave(&state), &world());
+    let transported = Anchored::new(&golden_dvl(), &anchor(&state), &empty, &world());
+    let direct = Anchored::at_keyframe(&golden_dvl(), &Pose::from(&state), &world());
     assert_relative_eq!(transported.residual, direct.residual, epsilon = 1e-14);
     assert_relative_eq!(transported.jacobian, direct.jacobian, epsilon = 1e-14);
     let inflated = transported.inflated_covariance(&Piece::Forward(&empty));
@@ -381,14 +381,19 @@ fn check_rate<const ROWS: usize>(model: &impl SensorModel<ROWS>, tolerance: f64)
             let residual_after = |dt: f64| {
                 let mut moved = piece;
                 moved.step_mean(dt, &point, &point);
-                Anchored::new(model, &leave(&state), &moved, &world()).residual
+                Anchored::new(model, &anchor(&state), &moved, &world()).residual
             };
             let numeric = (residual_after(STEP) - residual_after(-STEP)) / (2.0 * STEP);
             let analytic = if piece.dt_total == 0.0 {
-                Anchored::at_keyframe(model, &leave(&state), &world()).rate(&leave(&state), None, &point, &world())
+                Anchored::at_keyframe(model, &Pose::from(&state), &world()).rate(
+                    &anchor(&state),
+                    None,
+                    &point,
+                    &world(),
+                )
             } else {
-                Anchored::new(model, &leave(&state), &piece, &world()).rate(
-                    &leave(&state),
+                Anchored::new(model, &anchor(&state), &piece, &world()).rate(
+                    &anchor(&state),
                     Some(&piece),
                     &point,
                     &world(),

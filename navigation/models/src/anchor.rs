@@ -1,4 +1,4 @@
-//! A keyframe as the place that readings are carried from.
+//! The keyframe that readings are tied to, and carried from to their own times.
 //!
 //! ```text
 //! g(p_k + ½T v_k) = g(p_k) + ½T [g(p_k + v_k·1 s) − g(p_k)]
@@ -12,9 +12,9 @@ use nalgebra::{Matrix3, Vector3};
 use crate::state::NavState;
 use crate::world::WorldModel;
 
-/// A state, and what whoever leaves it needs to know of it.
+/// A state, and what each reading tied to it needs to know of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Departure {
+pub struct Anchor {
     /// The state itself.
     pub state: NavState,
     /// R.
@@ -25,12 +25,12 @@ pub struct Departure {
     gravity_change: Vector3<f64>,
 }
 
-impl Departure {
+impl Anchor {
     /// From `state`.
-    pub fn new(state: &NavState, world: &WorldModel) -> Departure {
+    pub fn new(state: &NavState, world: &WorldModel) -> Anchor {
         let gravity_enu = world.gravity.at(&state.position_enu);
         let gravity_change = world.gravity.at(&(state.position_enu + state.velocity_enu)) - gravity_enu;
-        Departure { state: *state, r_enu_body: state.r_enu_body(), gravity_enu, gravity_change }
+        Anchor { state: *state, r_enu_body: state.r_enu_body(), gravity_enu, gravity_change }
     }
 
     /// g half way of a signed time, m/s².
@@ -53,10 +53,10 @@ mod tests {
             velocity_enu: Vector3::new(3.0, -4.0, 1.5),
             ..NavState::identity()
         };
-        let departure = Departure::new(&state, &world);
+        let anchor = Anchor::new(&state, &world);
         for dt in [-1.25, -0.3, 0.0, 0.6, 2.0] {
             let there = world.gravity.at(&(state.position_enu + state.velocity_enu * (0.5 * dt)));
-            let off = (departure.gravity_over(dt) - there).norm();
+            let off = (anchor.gravity_over(dt) - there).norm();
             assert!(off < 5e-11, "{dt} s: {off:e} m/s²");
         }
     }
