@@ -29,6 +29,7 @@ class Result:
     p99: list = field(default_factory=list)
     ratio: list = field(default_factory=list)
     ratio_p99: list = field(default_factory=list)
+    ours_before: list = field(default_factory=list)
     score: dict = field(default_factory=dict)
     summary: dict = field(default_factory=dict)
 
@@ -40,6 +41,7 @@ class Result:
         self.p99.append(times["p99"])
         if neighbours:
             self.ratio.append(times["p50"] / statistics.mean(n["solve_us"]["p50"] for n in neighbours))
+            self.ours_before.append(neighbours[0]["solve_us"]["p50"])
             self.ratio_p99.append(times["p99"] / statistics.mean(n["solve_us"]["p99"] for n in neighbours))
 
 

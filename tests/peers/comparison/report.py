@@ -29,7 +29,7 @@ def facts(repository, tools, rounds, arguments):
         f"- `{' '.join(['python3 tests/peers/run.py', *arguments])}`",
         "- times: CPU time of the estimating thread for one whole update (append, solve, marginalise, covariance of the "
         "newest), full windows only; batch: the solve with all covariances. Ratios: against ours run just before and after, and "
-        "the quickest run of each against the quickest of ours.",
+        "the quickest run of each against the quickest of as many of ours.",
     ]
 
 
@@ -45,7 +45,7 @@ def table(entry):
     rows = [HEADER, ["---"] * len(HEADER)]
     for result in entry.results:
         rows.append([result.contestant.name, *accuracy(result.score), times(result), ratio(result.ratio), ratio(result.ratio_p99),
-                     quickest(result, entry.results[0])])
+                     quickest(result)])
     return ["| " + " | ".join(row) + " |" for row in rows]
 
 
@@ -72,9 +72,9 @@ def duration(us):
     return f"{us / 1e6:.3g} s"
 
 
-def quickest(result, ours):
-    """Of the run that was disturbed least, over that of ours: what others do on the machine only ever adds to a time."""
-    return "" if result is ours else f"{min(result.p50) / min(ours.p50):.3g}"
+def quickest(result):
+    """Of the run that was disturbed least, over that of as many of ours: what others do on the machine only ever adds to a time."""
+    return f"{min(result.p50) / min(result.ours_before):.3g}" if result.ours_before else ""
 
 
 def ratio(values):
